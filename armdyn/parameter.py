@@ -187,7 +187,7 @@ class RecordedColumn:
         channel = recorded[self.name]
         if channel.unit != self.unit:
             raise InputError(
-                f"'{self.name}' is in {channel.unit}, where an effect reads it in {self.unit}: mend the unit of one"
+                f"'{self.name}' is in {channel.unit}, where an effect reads it in {self.unit}: correct the unit of one"
             )
         return np.interp(time, channel.time, channel.value)
 

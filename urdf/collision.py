@@ -25,7 +25,7 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
     Raises:
         UrdfError: a mesh cannot be read.
     """
-    with library_errors(f"{robot.urdf_path}: a mesh cannot be read", "mend or replace it"):
+    with library_errors(f"{robot.urdf_path}: a mesh cannot be read", "correct or replace it"):
         full = pin.buildModelFromXML(robot.urdf_xml)
         # Directories are passed by name: in pin 4.1 the third positional argument has another meaning.
         shapes = pin.buildGeomFromUrdfString(
@@ -36,7 +36,7 @@ def collision_shapes(robot: Robot) -> tuple[pin.Model, pin.GeometryModel]:
         )
     for shape in shapes.geometryObjects:
         if hasattr(shape.geometry, "vertices") and not np.isfinite(shape.geometry.vertices()).all():
-            raise UrdfError(f"mesh {shape.meshPath} holds a corner that is not a number; mend or replace it")
+            raise UrdfError(f"mesh {shape.meshPath} holds a corner that is not a number; correct or replace it")
     locked = [index for index in range(1, full.njoints) if full.names[index] not in robot.joint_names]
     model, shapes = pin.buildReducedModel(full, shapes, locked, pin.neutral(full))
     return model, shapes
@@ -98,7 +98,7 @@ class CollisionModel:
 
     def _follow(self, srdf: Path) -> None:
         """Exclude the pairs of links that an SRDF file lists as needing no check."""
-        with library_errors(f"{srdf}: cannot be read", "mend it, or leave it out of the settings"):
+        with library_errors(f"{srdf}: cannot be read", "correct it, or leave it out of the settings"):
             pin.removeCollisionPairs(self._model, self._shapes, str(srdf))
 
     def _leave_out(self, exclusions: tuple[tuple[str, str], ...]) -> None:

@@ -234,11 +234,11 @@ def _mesh_bounds(path: Path, scale: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) [m] of a mesh."""
     import coal
 
-    with library_errors(f"mesh {path} cannot be read", "mend or replace it"):
+    with library_errors(f"mesh {path} cannot be read", "correct or replace it"):
         mesh = coal.MeshLoader().load(str(path), scale)
         mesh.computeLocalAABB()
     if not np.isfinite(mesh.vertices()).all():
-        raise UrdfError(f"mesh {path} holds a corner that is not a number; mend or replace it")
+        raise UrdfError(f"mesh {path} holds a corner that is not a number; correct or replace it")
     return np.array(mesh.aabb_local.min_), np.array(mesh.aabb_local.max_)
 
 

@@ -266,7 +266,7 @@ def torque_channels(
         unit = _position(run, joint).unit
         if (unit == "m") != slides:
             moves = "slides" if slides else "turns"
-            raise InputError(f"{where}: 'q.{joint}' is in {unit}, but the joint {moves}: mend the column's unit")
+            raise InputError(f"{where}: 'q.{joint}' is in {unit}, but the joint {moves}: correct the column's unit")
     return channels
 
 

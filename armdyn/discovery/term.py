@@ -84,7 +84,7 @@ def check_same_units(runs: Iterable[Run]) -> None:
         for name, channel in run.extra.items():
             unit, where = first.setdefault(name, (channel.unit, run.name))
             if channel.unit != unit:
-                raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: mend one unit")
+                raise InputError(f"'{name}' is in {unit} in {where}, in {channel.unit} in {run.name}: correct one unit")
 
 
 def recorded_variables(runs: Sequence[Run]) -> list[TermVariable]:

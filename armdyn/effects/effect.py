@@ -113,7 +113,7 @@ class Effect:
             changed = self.function(stage, **values)
         except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
             fault = f"{type(error).__name__}: {error}"
-            raise InputError(f"the effect '{self.name}' fails with {fault}: mend its file") from error
+            raise InputError(f"the effect '{self.name}' fails with {fault}: correct its file") from error
         if not isinstance(changed, type(stage)):
             kind, given = type(changed).__name__, type(stage).__name__.lower()
             raise InputError(

@@ -88,7 +88,7 @@ def check_applied(item: Effect, path: Path) -> None:
         slopes, along = ca.jacobian(everything, theta), ca.jacobian(everything, inputs)
         evaluate = ca.Function("applied", [inputs, theta, remembered], [difference, everything, slopes, along])
     except (RuntimeError, TypeError, ValueError, NotImplementedError) as error:
-        raise _fault(item, path, "it makes something of another shape, or of symbols of its own: mend it") from error
+        raise _fault(item, path, "it makes something of another shape, or of symbols of its own: correct it") from error
     null = [q.null for q in item.quantities.values()]
     typical = [float(np.clip(q.null + q.typical, q.lower, q.upper)) for q in item.quantities.values()]
     for where, point in zip((AT_REST, MOVING), points, strict=True):
@@ -240,7 +240,7 @@ def _why(error: BaseException) -> str:
         )
     if isinstance(error, SystemExit):
         return "it calls sys.exit: raise an exception instead"
-    return f"it fails with {': '.join(filter(None, [type(error).__name__, text[:200]]))}: mend its file"
+    return f"it fails with {': '.join(filter(None, [type(error).__name__, text[:200]]))}: correct its file"
 
 
 def _fault(item: Effect, path: Path, what: str, error: BaseException | None = None) -> InputError:

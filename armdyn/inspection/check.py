@@ -28,7 +28,7 @@ MAX_LISTED_NAMES = 3
 class Severity(Enum):
     """Severity of a finding; the value is its explanation in words."""
 
-    WRONG = "the recording is not what it says: mend it first"
+    WRONG = "the recording is not what it says: correct it first"
     SUSPECT = "look at it before you believe what follows"
     NOTE = "handled, and worth knowing"
 

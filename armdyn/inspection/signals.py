@@ -373,7 +373,7 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
             "unanswered_check", Severity.SUSPECT, run.name, tuple(name for name in columns if name in run.all_channels),
             f"{first}{f' was made of {made_of}' if made_of else ''}{f', and so were {others} more' if others else ''}: "
             f"{question} (nobody has answered this yet)",
-            f"if it is right, {answered}; else mend the mapping and import again: "
+            f"if it is right, {answered}; else correct the mapping and import again: "
             "armdyn import FILE --output DIR --map map.toml --force",
         )  # fmt: skip
 

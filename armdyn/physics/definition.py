@@ -107,8 +107,8 @@ class SensorStage(Stage):
 class Reading(SensorStage):
     """A sensor's reading of one quantity.
 
-    Equations return it as an output, so that effects can give this output a lag and a delay. Before a run the quantity is
-    taken to have changed at its first rate.
+    Equations return it as an output, so that effects can give this output a lag and a delay. Before a run the quantity
+    is taken to have changed at its first rate.
 
     Attributes:
         value: value of the quantity, in the channel's unit.

@@ -139,7 +139,7 @@ def _asked(physics: Physics, moment: Moment) -> Equations:
         found = physics.equations(moment)
     except (AttributeError, TypeError, ValueError, ZeroDivisionError, NotImplementedError) as error:
         fault = f"{type(error).__name__}: {error}"
-        raise InputError(f"the equations of '{physics.name}' fail with {fault}: mend their file") from error
+        raise InputError(f"the equations of '{physics.name}' fail with {fault}: correct their file") from error
     if not isinstance(found, Equations):
         raise InputError(f"the equations of '{physics.name}' return a {type(found).__name__}: return Equations(...)")
     for what, given, wanted in (("state", found.rates, physics.states), ("output", found.outputs, physics.outputs)):
@@ -154,7 +154,7 @@ def _asked(physics: Physics, moment: Moment) -> Equations:
 def _check(physics: Physics, expression: Expression, given: list[Expression], fault: str) -> None:
     known = {symbol.element_hash() for vector in given for symbol in ca.vertsplit(vector)}
     if any(symbol.element_hash() not in known for symbol in ca.symvar(ca.SX(expression))):
-        raise InputError(f"physics '{physics.name}': an effect or the equations {fault}: mend their file")
+        raise InputError(f"physics '{physics.name}': an effect or the equations {fault}: correct their file")
 
 
 def _same(one: Expression, other: Expression) -> bool:

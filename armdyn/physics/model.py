@@ -196,8 +196,8 @@ class PhysicsModel(SimulatedModel):
                 (given, times, plus), (wanted, factor, zero) = map(to_base_units, (channel.unit, declared[name]))
                 if given != wanted:
                     raise InputError(
-                        f"{run.source or run.name}: '{name}' is in {channel.unit}, not in {declared[name]}: mend the "
-                        "unit of one"
+                        f"{run.source or run.name}: '{name}' is in {channel.unit}, not in {declared[name]}: correct "
+                        "the unit of one"
                     )
                 value = (channel.value * times + (plus - zero)) / factor
                 found[name] = Channel(channel.time, value, declared[name])

@@ -213,7 +213,7 @@ def _check_widths(lines: Sequence[tuple[int, list[str]]], labels: Sequence[str],
             raise CutOffError(cut_off_message(row, cells[-1], name_and_unit(labels[len(cells) - 1])[0]))
         if len(cells) != len(labels):
             raise InputError(
-                f"row {row} has {len(cells)} cells where the header has {len(labels)}: mend or remove the row"
+                f"row {row} has {len(cells)} cells where the header has {len(labels)}: correct or remove the row"
             )
 
 

@@ -119,7 +119,7 @@ def parse_quantity(text: str, expected: str | None = None) -> KnownQuantity:
     if not std > 0.0:
         raise InputError(f"the standard deviation in '{text}' is not positive: leave '+/-' out where a value is exact")
     if not has_plausible_magnitude(std):
-        raise InputError(f"the standard deviation in '{text}' is of no size that anything has: mend it")
+        raise InputError(f"the standard deviation in '{text}' is impossibly large or small: correct it")
     return KnownQuantity(value * scale, std, si)
 
 

@@ -186,8 +186,8 @@ def _propose(
     check_overwrite(target, wanted.force)
     atomic.make_directory(wanted.output)
     comment = (
-        f"Proposed by armdyn from {wanted.files[0].name}: read it, mend what is wrong, above all lines with 'check', "
-        "and\ntake 'check' away where you have answered it: until then 'armdyn inspect' asks."
+        f"Proposed by armdyn from {wanted.files[0].name}: read it, correct what is wrong, above all lines with "
+        "'check',\nand take 'check' away where you have answered it: until then 'armdyn inspect' asks."
     )
     atomic.write_text(target, column_map_toml(found, comment, recordings[0].columns))
     answer = {"schema": "armdyn.map/1", "file": str(target), **column_map_json(found)}
@@ -204,7 +204,7 @@ def _propose(
         own = _words(choice) if choice else []
         own += ["--commands", str(wanted.commands)] if wanted.commands is not None else []
         again = shell_quoted_command("import", *wanted.files, "--output", wanted.output, "--map", target, *own)
-        typer.echo(f"read it, mend what is wrong, then: {again}")
+        typer.echo(f"read it, correct what is wrong, then: {again}")
 
 
 def _write_template(

@@ -61,7 +61,7 @@ def lists_in(column: str, cells: Mapping[int, str], rows: Sequence[int]) -> dict
         if row not in found:
             raise InputError(
                 f"row {rows[row]}, column '{printable_excerpt(column)}': '{printable_excerpt(cell, 40)}' is not a list "
-                "as in the other rows: mend it, or empty the cell"
+                "as in the other rows: correct it, or empty the cell"
             )
     return found
 
@@ -125,7 +125,7 @@ def columns_of_lists(
 def _check_size(part: str, count: int, rows: Sequence[int], row: int) -> None:
     """Refuse a new column beside `count` others if its name is not one, or if they would not fit into memory."""
     if len(part) > MAX_NAME_CHARACTERS or not part.isprintable():
-        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is not a name of a joint: mend it")
+        raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is not a name of a joint: correct it")
     if count == MAX_TABLE_COLUMNS or count * len(rows) > MAX_TABLE_CELLS:
         raise InputError(f"row {rows[row]}: '{printable_excerpt(part)}' is one of too many numbers: leave some out")
 
@@ -152,7 +152,7 @@ def _number(item: str, column: str, row: int) -> float:
     except ValueError:
         raise InputError(
             f"row {row}, column '{printable_excerpt(column)}': '{printable_excerpt(item, 40)}' in its list is not a "
-            "number: mend it, or empty the cell"
+            "number: correct it, or empty the cell"
         ) from None
 
 
@@ -169,7 +169,7 @@ def _check_lengths(column: str, cells: Mapping[int, tuple[str, ...]], rows: Sequ
     if wrong is not None:
         raise InputError(
             f"row {rows[wrong[0]]}, column '{printable_excerpt(column)}': its list holds {wrong[1]} numbers, where "
-            f"others hold {usual}: mend or remove the row, or leave out the column"
+            f"others hold {usual}: correct or remove the row, or leave out the column"
         )
 
 

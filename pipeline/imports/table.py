@@ -100,7 +100,7 @@ def columns_of_text(name: str, text: str) -> ForeignRecording:
             raise InputError(
                 f"row {table.rows[row]}, column '{printable_excerpt(column)}': "
                 f"'{printable_excerpt(cell, 40)}' is not a number that anything has: "
-                "mend it, or empty the cell"
+                "correct it, or empty the cell"
             )
         if strange:
             cells = [repr(cell) for cell in strange.values()][:MAX_LISTED_TEXT_COLUMNS]
@@ -313,8 +313,8 @@ def _check_widths(folder: Path, file: Path, columns: Mapping[str, ForeignColumn]
         said = f"{file}: {feature} has {width or 'no'} values of a frame"
         if width != len(names):
             raise InputError(
-                f"{said}, and {folder / LEROBOT_INFO_FILE} names {len(names)}: mend its names there, or download the "
-                "data set again"
+                f"{said}, and {folder / LEROBOT_INFO_FILE} names {len(names)}: correct its names there, or download "
+                "the data set again"
             )
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -165,8 +165,8 @@ def design_excitation(
     starts = random_motions(problem, random, np.random.default_rng(seed), say)
     if not starts:
         raise TaskFailedError(
-            "no posture was found at which the arm is free and its torques suffice: choose other --joints, or mend the "
-            "limits of its URDF"
+            "no posture was found at which the arm is free and its torques suffice: choose other --joints, or correct "
+            "the limits of its URDF"
         )
     informations = [problem.information(x) for x in starts]
     costs = [goal.criterion(information)[0] for information in informations]
