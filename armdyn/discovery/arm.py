@@ -48,7 +48,7 @@ def _of_joint(
         site, load, 3, "saturating motor", "a torque with the cube of the load: a motor that saturates"
     )
     yield from shapes.cable_terms(site, position)
-    yield shapes.magnet_term(site, position)
+    yield from shapes.magnet_terms(site, position)
     yield from shapes.gear_play_terms(site, speed, position, (0.01 * position.span, 0.05 * position.span))
     periods = position.span * np.geomspace(
         MIN_COGGING_PERIOD_SHARE_OF_RANGE, MAX_COGGING_PERIOD_SHARE_OF_RANGE, COGGING_PERIODS_TRIED

@@ -15,7 +15,11 @@ import numpy as np
 
 from armdyn.discovery.arm import arm_curve_candidates, arm_formula_candidates
 from armdyn.discovery.pendulum import pendulum_curve_candidates, pendulum_formula_candidates
-from armdyn.discovery.physics import physics_curve_candidates, physics_formula_candidates
+from armdyn.discovery.physics import (
+    physics_curve_candidates,
+    physics_family_candidates,
+    physics_formula_candidates,
+)
 from armdyn.discovery.result import DiscoveredLaw, Discovery
 from armdyn.discovery.source import effects_of_terms
 from armdyn.discovery.term import CandidateTerm, check_same_units, named_terms
@@ -30,6 +34,7 @@ from armdyn.identify.residual.noise_tests import residual_tests
 from armdyn.identify.selection.candidate import Candidate
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, search
+from armdyn.identify.state_space.study import StateSpaceStudy
 from armdyn.identify.study import Study
 from armdyn.parameter import Parameter
 from armdyn.threads import one_thread
@@ -85,7 +90,21 @@ def discover(study: Study, progress: ProgressCallback | None = None) -> Discover
     study, found = searched(terms)
     if study.fit_has_failed(found.last.fit):
         raise TaskFailedError(failed_fit_sentence(found.last.fit))
+    if (
+        isinstance(study, StateSpaceStudy)
+        and model.base not in TERM_FUNCTIONS_BY_BASE
+        and len(found.steps) > 1
+        and not study.residual_may_be_noise(found.last.fit)
+    ):
+        simple = [terms[c.effect] for c in found.last.effects if c.effect in terms]
+        states = {term.location.joint for term in simple}
+        say(f"searching families of laws in the rate of {' and '.join(sorted(states))}")
+        families = named_terms([*simple, *physics_family_candidates(first, states)], taken)
+        other, drawn = searched(families)
+        if _explains_more(other, drawn, study, found):
+            study, found, terms = other, drawn, families
     if not _is_whole(study, found):
+        say("searching smooth curves")
         smooth = named_terms(curves(first), taken)
         other, drawn = searched(smooth)
         if other.squared_error(drawn.last.fit) < MAX_CURVE_ERROR_SHARE_OF_FORMULA * study.squared_error(found.last.fit):
@@ -166,6 +185,14 @@ def _is_whole(study: Study, found: Search) -> bool:
     return not last.tests.fails or (
         len(found.steps) > 1 and study.explained_share(start.fit, last.fit) > study.settings.verdict.explained_at_noise
     )
+
+
+def _explains_more(study: Study, found: Search, other_study: Study, other: Search) -> bool:
+    """Whether one search explains more than another, by what each value must explain of what is left without it."""
+    more = int(found.last.fit.free.sum()) - int(other.last.fit.free.sum())
+    left, before = study.squared_error(found.last.fit), other_study.squared_error(other.last.fit)
+    needed = study.settings.search.needed_share
+    return left < needed(max(more, 1)) * before if more >= 0 else needed(-more) * left < before
 
 
 def describe_discovery(

@@ -21,9 +21,9 @@ def pendulum_formula_candidates(fit: Fit) -> Iterator[CandidateTerm]:
     yield from shapes.recorded_terms(string, recorded_variables(fit.problem.runs), v["speed"])
     if v["along"].span > 0.0:
         below = "load.with_force({} * ca.vertcat({away}, 0, 1))"  # for its small width, the load is below the line
-        yield shapes.magnet_term(load, v["position"])
+        yield from shapes.magnet_terms(load, v["position"])
         under = replace(load, code=below, formula_pattern="{} * ({away} along the line, 1 upwards)")
-        yield shapes.magnet_term(under, v["position"])
+        yield from shapes.magnet_terms(under, v["position"])
         for n in (1, 2, 3):
             yield shapes.power_term(rail, v["along"], n, "rail", "the rail is not level along the way")
 

@@ -2,13 +2,14 @@
 
 import keyword
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import combinations
 from typing import cast
 
 import numpy as np
 
 from armdyn.discovery import shapes
+from armdyn.discovery.families import family_terms
 from armdyn.discovery.term import CandidateTerm, TermLocation, TermVariable
 from armdyn.discovery.units import divide_units
 from armdyn.identify.fit import Fit
@@ -31,6 +32,13 @@ def physics_formula_candidates(fit: Fit) -> Iterator[CandidateTerm]:
         for one, other in combinations(variables, 2):
             what = f"{one.name_in_sentence} times {other.name_in_sentence}"
             yield shapes.product_term(site, "product", f"something in proportion to {what}", (one, 1), (other, 1))
+
+
+def physics_family_candidates(fit: Fit, states: Collection[str]) -> Iterator[CandidateTerm]:
+    """Candidate laws of every family for what is missing in the rates of some states, by name; see `families`."""
+    for site, variables in _states(fit):
+        if site.joint in states:
+            yield from family_terms(site, variables)
 
 
 def physics_curve_candidates(fit: Fit) -> Iterator[CandidateTerm]:

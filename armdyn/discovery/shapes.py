@@ -17,8 +17,9 @@ FORCE_STEP_WIDTH_BY_UNIT: Mapping[str, float] = {"rad": 0.01, "m": 3e-3}
 sharper step. It is equal for all recordings, so that compiled equations can be used again."""
 FORCE_STEP_WIDTH_SHARE_OF_MAX = 0.01
 """Width of a step at zero for a quantity whose unit is not in `FORCE_STEP_WIDTH_BY_UNIT`, over its largest value."""
-MAGNET_WIDTH_SHARE_OF_RANGE = 1.0 / 7.0
-"""Width of a magnet's pull with which its position is searched, as a share of the range of the positions."""
+MAGNET_WIDTH_SHARES_OF_RANGE = (1.0 / 7.0, 1.0 / 25.0)
+"""Widths of a magnet's pull with which its position is searched, as shares of the range of the positions: the position
+of a pull that is six times narrower than the searched one is not found."""
 PLAY_EXPONENT = 8
 """Exponent n with which the force of a gear's play approaches its limit; see `gear_play_terms`. Compared with a spring
 that slips at its limit, 1 leaves 0.8 to 1.4 times the noise of a torque in the benchmark's hidden laws, 4 leaves 0.3, 8
@@ -57,6 +58,12 @@ def rate_terms(site: TermLocation, v: TermVariable) -> Shapes:
     signed = f"{v.name} * ca.fabs({v.name})" if v.low < 0.0 < v.high else f"{v.name}**2"
     yield _single(site, "square", f"something with the square of {spoken}", (v,), signed, [(v, 2)])
     yield power_term(site, v, 3, "cube", f"something with the cube of {spoken}")
+    yield _single(site, "fourth power", f"something with the fourth power of {spoken}", (v,), f"{v.from_zero}**4",
+                  [(v, 4)], scale=max(v.size, v.high - v.zero) ** 4)  # fmt: skip
+    if v.low >= v.zero:
+        yield _single(site, "square root", f"something with the square root of {spoken}", (v,),
+                      f"ca.sqrt(ca.fmax({v.from_zero}, 0) + {1e-4 * (v.high - v.zero):.1g})", [],
+                      scale=float(np.sqrt(v.high - v.zero)))  # fmt: skip
     where = {"place": position_parameter(v)}
     for side, least, beyond in (("above", "ca.fmax", 1), ("below", "ca.fmin", -1)):
         says = f"something that begins {side} a certain {spoken}"
@@ -138,22 +145,24 @@ def one_sided_friction_terms(site: TermLocation, v: TermVariable, speed: TermVar
         yield from _frictions(site, "one-sided rub", says, v, speed, step, where, acts_beyond=beyond)
 
 
-def magnet_term(site: TermLocation, v: TermVariable) -> CandidateTerm:
-    """Candidate term for a magnet: a pull k u / (1 + u^2)^2, u = (v - place) / width, towards a position.
+def magnet_terms(site: TermLocation, v: TermVariable) -> Shapes:
+    """Candidate terms for a magnet: a pull k u / (1 + u^2)^2, u = (v - place) / width, towards a position.
 
-    Where the site's expression contains ``{away}``, the force also has a component across the way.
+    Where the site's expression contains ``{away}``, the force also has a component across the way. There is one term
+    for each of the widths with which a position is searched.
     """
-    width = MAGNET_WIDTH_SHARE_OF_RANGE * v.span
-    where = {
-        "place": position_parameter(v),
-        "width": TermParameter(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
-    }
     u = f"({v.name} - place) / width"
     across = "{away}" in site.code
     shapes = {"pull": f"{site.resisting_sign}1 / (1 + ({u})**2)**2" + ("" if across else f" * {u}")}
     here = replace(site, code=site.code.replace("{away}", u), formula_pattern=site.formula_pattern.replace("{away}", u))
     says = f"something at a certain {v.name} pulls or pushes, as a magnet does"
-    return CandidateTerm("magnet", says, here, (v,), shapes, _size(site), where)
+    for share in MAGNET_WIDTH_SHARES_OF_RANGE:
+        width = share * v.span
+        where = {
+            "place": position_parameter(v),
+            "width": TermParameter(v.unit, width, width / 2, 0.1 * width, 4.0 * v.span),
+        }
+        yield CandidateTerm("magnet", says, here, (v,), shapes, _size(site), where)
 
 
 def sticky_friction_terms(site: TermLocation, v: TermVariable, widths: Sequence[float]) -> Shapes:

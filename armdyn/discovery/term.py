@@ -15,6 +15,8 @@ from armdyn.run import Run
 
 MAX_NAME_STEM_LENGTH = 50
 """Largest number of characters of an effect's name before its number."""
+ZERO_BY_UNIT = {"degC": -273.15, "degF": -459.67}
+"""The absolute zero in units whose zero is elsewhere."""
 MAX_RANGE_RATIO_OF_CONSTANT = 1e-6
 """Ratio of a recorded quantity's range to its largest value up to which it is constant, except for rounding."""
 
@@ -46,6 +48,16 @@ class TermVariable:
     def name_in_sentence(self) -> str:
         """Name of the quantity in a sentence, such as ``"angle"`` or ``"temperature"``."""
         return self.quantity.rpartition(".")[2]
+
+    @property
+    def zero(self) -> float:
+        """Where the quantity is nothing, in its unit: a temperature counts from the absolute zero."""
+        return ZERO_BY_UNIT.get(self.unit, 0.0)
+
+    @property
+    def from_zero(self) -> str:
+        """Expression of the quantity, counted from where it is nothing."""
+        return f"({self.name} + {-self.zero:g})" if self.zero else self.name
 
     @property
     def low(self) -> float:

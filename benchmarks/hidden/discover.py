@@ -61,7 +61,7 @@ def effects_found(model: Model, found: Discovery, folder: Path) -> list[Effect]:
     own: dict[str, Effect] = {}
     if found.laws_outside_catalogue:
         found.write(folder / "effect.py")
-        own = {e.name: e for e in load_effects(folder / "effect.py")}
+        own = {e.name: e for e in load_effects(folder / "effect.py", stages=None)}
     known = {e.name: e for e in available_effects(model)} | own
     return [known[o.effect].on(*o.joints) if o.joints else known[o.effect] for o in found.laws]
 

@@ -222,15 +222,15 @@ class GreyBox:
         known = np.diag((self.problem.prior_weight * self.problem.typical) ** 2)
         return independent_columns(known + self._kicked(point), wanted)
 
-    def influential(self, point: LinearisationPoint) -> np.ndarray:
-        """(P,) bool: unknowns that have any influence on the runs at a point."""
-        return np.diag(self._kicked(point)) > NEGLIGIBLE_INFORMATION
+    def influential(self, point: LinearisationPoint, wanted: np.ndarray | None = None) -> np.ndarray:
+        """(P,) bool: unknowns that have any influence on the runs at a point, of those `wanted`; None means of all."""
+        return np.diag(self._kicked(point, wanted)) > NEGLIGIBLE_INFORMATION
 
-    def _kicked(self, point: LinearisationPoint) -> np.ndarray:
+    def _kicked(self, point: LinearisationPoint, wanted: np.ndarray | None = None) -> np.ndarray:
         """(P, P) information of the runs, in typical sizes, with kicks as large as allowed."""
         typical = self.problem.typical
         gram = np.zeros((len(typical), len(typical)))
-        for run in self.linearise(point):
+        for run in self.linearise(point, wanted):
             noise = RunNoise(run.kick_unit, (1.0,) * len(run.rows), (ColouredNoise(),) * len(run.rows))
             gram += run.innovations([noise], np.array([run.kick_unit])).gram[0] * np.outer(typical, typical)
         return gram

@@ -37,7 +37,8 @@ def find_thresholds(
         sized = own.sum() > 1
         own[place] = not sized
         here = replace(point, values=values)
-        if not sized or not box.influential(here)[place]:
+        itself = np.arange(len(own)) == place
+        if not sized or not box.influential(here, itself)[place]:
             at = _likeliest(box, here, base | own, place)
             if np.isfinite(at) and sized:
                 values[place] = found[place] = at

@@ -127,8 +127,8 @@ def test_terms_of_an_arm_are_compared_at_their_likeliest_places(model):
     study = make_study(model, given.runs, [], effects_of_terms(list(terms.values())))
     scores = study.scores(study.with_thresholds(study.first()), ())
     drops = {score.candidate.effect: score.chi2_decrease for score in scores}
-    (there,) = (drops[n] for n, t in terms.items() if t.kind == "magnet" and t.location.joint == "elbow")
-    assert there > 0.5 * max(drops.values())
+    there = [drops[n] for n, t in terms.items() if t.kind == "magnet" and t.location.joint == "elbow"]
+    assert max(there) > 0.5 * max(drops.values())
 
 
 def test_a_joint_may_have_a_long_name(tmp_path):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from armdyn.discovery import shapes
+from armdyn.discovery.families import family_terms
 from armdyn.discovery.source import effects_file_text, effects_of_terms
 from armdyn.discovery.term import TermLocation, TermVariable, check_same_units, named_terms, recorded_variables
 from armdyn.discovery.units import divide_units
 from armdyn.effects.user import load_effects
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
+from armdyn.physics.definition import RATE_STAGE
 from armdyn.run import Channel, Run
 
 DRY = TermLocation("string", "N m", "string.with_dry_torque({})", 0.005)
@@ -57,7 +59,7 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
         shapes.power_term(STRING, SPEED, 3, "cubic drag", "drag"),
         *shapes.stop_terms(STRING, ANGLE),
         *shapes.one_sided_friction_terms(STRING, ANGLE, SPEED),
-        shapes.magnet_term(STRING, ANGLE),
+        *shapes.magnet_terms(STRING, ANGLE),
         *shapes.cable_terms(STRING, ANGLE),
         *shapes.cogging_terms(STRING, ANGLE, [0.1]),
         shapes.curve_term(STRING, ANGLE),
@@ -70,6 +72,22 @@ def test_every_shape_is_an_effect_that_vanishes_at_null():
     ]
     named = named_terms(terms)
     assert [e.name for e in effects_of_terms(list(named.values()))] == list(named)
+
+
+def test_every_law_of_a_family_is_an_effect():
+    rate = TermLocation(RATE_STAGE, "K/s", "rate.with_rate({})", 0.01, "-", joint="block")
+    block, power = TermVariable("block", 'rate["block"]', "degC", np.linspace(20.0, 180.0)), OPENING
+    named = named_terms(family_terms(rate, [block, TermVariable("bead", 'rate["bead"]', "degC", block.samples), power]))
+    assert [e.name for e in effects_of_terms(list(named.values()))] == list(named)
+
+
+def test_powers_of_a_temperature_count_from_the_absolute_zero():
+    rate = TermLocation(RATE_STAGE, "K/s", "rate.with_rate({})", 0.01, "-", joint="block")
+    block = TermVariable("block", 'rate["block"]', "degC", np.linspace(20.0, 180.0))
+    radiation = next(t for t in shapes.rate_terms(rate, block) if t.kind == "fourth power")
+    assert radiation.formula == "k * (block + 273.15)^4"
+    law = next(t for t in family_terms(rate, [block]) if t.kind == "power")
+    assert "((block + 273.15) / 500)" in law.formula
 
 
 def test_a_formula_is_read_as_it_is_computed(tmp_path):
