@@ -16,14 +16,16 @@ import numpy as np
 
 from armdyn.estimation.equations import NormalEquations
 from armdyn.recording.channels import FloatArray
+from armdyn.recording.noise import ABS_NORMAL_MEDIAN_OVER_STD
 from armdyn.watch.event import EventKind, EventReporter, WatchEvent
 from armdyn.watch.fault_free import FaultFreeStatistics
 from armdyn.watch.observer import MAX_SAMPLE_GAP_SECONDS, RUNNING_MEAN_SECONDS, ObserverOutput
 from armdyn.watch.variances import AdaptiveErrorStd, excess
 from armdyn.watch.watched import LOAD_PRIOR
 
-MAX_CONTACT_SECONDS = 5.0
-"""Longest contact, s; what lasts longer is treated as a change of load or robot."""
+MAX_CONTACT_SECONDS, MAX_STANDING_SECONDS = 5.0, 60.0
+"""Longest contact, s, that is no change of load or robot, and time until which the end of one that was told is awaited,
+s, before others are looked for beside it."""
 CONTACT_END_THRESHOLD_SHARE = 0.5
 """Share of the threshold, or of its largest value, below which a contrast counts as ended; half, against noise."""
 CONTACT_END_SECONDS = 0.3
@@ -38,6 +40,9 @@ reverses: friction of gears changes by tens of percent (Bittencourt & Axelsson, 
 ZEROED_SECONDS, EXPECTED_READINGS = 0.5, 500
 """Time before an event in which a sensor may have been zeroed, s, and number of readings that are kept from it, at
 1 kHz."""
+ZEROED_MEAN_SECONDS, ZEROED_SHARE, ZEROED_NOISES = 0.02, 0.1, 4.0
+"""Time before and after a step over which readings are averaged, s; and what a sensor that was zeroed may still read
+there, as a share of what it read before and in standard deviations of its noise."""
 LOAD_REPORT_PAUSE_SECONDS = 60.0
 """Time for which a possible load is not reported again, s; the slow sums decide whether it is one."""
 
@@ -92,9 +97,11 @@ class _Open:
         doubted: whether it may be a load, wear, or a sensor that was zeroed.
         lasting: whether the contrast has exceeded `CONTACT_END_THRESHOLD_SHARE` of its threshold.
         told: whether an event has told it as an outside torque.
+        stands: whether it was told and has lasted so long that it may be a change of load or robot.
         hinted: whether an event has told it at all.
         gone: time at which it fell below that, s.
         readings: (nc,) readings that were expected in the moments in which a sensor may have been zeroed.
+        zeroed: the sensor that reads nothing since a step of one sample, if any.
     """
 
     begun: float
@@ -106,9 +113,11 @@ class _Open:
     doubted: bool
     lasting: bool
     told: bool = False
+    stands: bool = False
     hinted: bool = False
     gone: float | None = None
     readings: list[FloatArray] = field(default_factory=list)
+    zeroed: slice | None = None
 
 
 class ContactDetector:
@@ -118,6 +127,11 @@ class ContactDetector:
         reporter: creates the events.
         sound: statistics of the fault-free robot.
         per_hour: false alarms per hour, for these events together.
+
+    Attributes:
+        last_end: time at which the last outside torque that was told ended, s.
+        gave_up: whether the end of an outside torque is no longer awaited since the last sample, so that the running
+            mean must restart with it.
     """
 
     def __init__(self, reporter: EventReporter, sound: FaultFreeStatistics, per_hour: float) -> None:
@@ -131,12 +145,14 @@ class ContactDetector:
         self._load = changes.shared[0].columns
         self._sensors = [channels.of_sensor(name) for name in channels.sensors]
         self._expected: deque[tuple[float, FloatArray]] = deque(maxlen=EXPECTED_READINGS)
+        self._read: deque[tuple[float, FloatArray]] = deque(maxlen=EXPECTED_READINGS)
         self._level = AdaptiveErrorStd(len(channels.names))
         self._onset_level = AdaptiveErrorStd(len(channels.names))
         self._open: _Open | None = None
         self._quiet = 0.0
         self._moved = np.full(len(channels.names), np.inf)  # since it stood or reversed, as long as the mean followed
         self._outlasted: _Open | None = None
+        self.last_end, self.gave_up = -np.inf, False
         self._doubted = self._last = -np.inf
         self._maybe_load: _Open | None = None
 
@@ -148,7 +164,7 @@ class ContactDetector:
     @property
     def is_certainly_outside_torque(self) -> bool:
         """Whether an outside torque acts at present that no load can explain."""
-        return self._open is not None and not self._open.doubted
+        return self._open is not None and not (self._open.doubted or self._open.stands)
 
     def thresholds(self, step: ObserverOutput) -> FloatArray:
         """(nc,) thresholds of the residuals' deviation from their running mean, N m or N."""
@@ -158,6 +174,7 @@ class ContactDetector:
     def reset(self, time: float) -> None:
         """Forget the present event at a time, s, because it is explained or the observer restarted."""
         self._open, self._outlasted, self._quiet, self._maybe_load = None, None, time, None
+        self.last_end = min(self.last_end, time)
 
     @property
     def may_be_load(self) -> bool:
@@ -169,21 +186,25 @@ class ContactDetector:
         past, self._maybe_load = self._maybe_load, None
         return [] if past is None else self._ended(past, time)
 
-    def process_sample(self, step: ObserverOutput, columns: FloatArray, delay: float) -> list[WatchEvent]:
+    def process_sample(
+        self, step: ObserverOutput, columns: FloatArray, delay: float, read: FloatArray
+    ) -> list[WatchEvent]:
         """Process one output of the observer; return the events.
 
         Args:
             step: the observer's output.
             columns: (nc, S + C) columns of the changes, see `WatchedChanges`.
             delay: mean delay of the observer, s.
+            read: (nc,) the readings themselves, N m or N.
         """
-        load = columns[:, self._load]
+        load, self.gave_up = columns[:, self._load], False
         if self._sensors:
             expected = step.predicted + step.residual - step.contrast
             if self._open is None:
                 self._expected.append((step.time, expected))
             elif step.time - self._open.begun <= FILTER_STEP_TIMES * delay:
                 self._open.readings.append(expected)
+            self._read.append((step.time, read))
         at = self._sound.contrast.at(step.sources, step.sticking)
         contrast = _Excess(step.contrast, self._level.std(at), at.bound, _of_now(self._thresholds, at.near))
         seen = [contrast]
@@ -210,15 +231,14 @@ class ContactDetector:
         self, now: _Open, step: ObserverOutput, seen: list[_Excess], load: FloatArray, delay: float
     ) -> list[WatchEvent]:
         contrast = seen[0]
-        # Errors of a sensor grow as the tool turns away from where the mean was held, so that the present ones count.
-        std = contrast.std if self._sensors else now.std
-        left, most = (float(np.linalg.norm(each)) for each in (contrast.value / contrast.std, now.largest / std))
+        left, most = self._size(now, contrast.value, contrast.std), self._size(now, now.largest, now.std)
         if left > most:
             now.largest, now.std = contrast.value, contrast.std
-        shown = float(contrast.ratio.max()) >= CONTACT_END_THRESHOLD_SHARE
+        highest = float(contrast.ratio.max())
+        shown = highest >= CONTACT_END_THRESHOLD_SHARE
         now.lasting |= shown
-        if now.lasting:
-            there = shown and left > CONTACT_END_THRESHOLD_SHARE * most
+        if now.lasting:  # what would be detected again at once is not gone
+            there = shown and (left > CONTACT_END_THRESHOLD_SHARE * most or highest >= 1.0)
         else:
             back, ratio = seen[-1].value[now.channel] * now.began, seen[-1].ratio[now.channel]
             opposite = step.time - now.begun > CONTACT_END_SECONDS and back < 0.0 and ratio >= 1.0
@@ -230,16 +250,34 @@ class ContactDetector:
         elif step.time - now.gone > CONTACT_END_SECONDS:
             self._open, self._quiet = None, step.time
             if now.told:
+                self.last_end = step.time
                 return self._ended(now, step.time)
             self._maybe_load = now if now.hinted else None
             return []
-        if step.time - now.begun > MAX_CONTACT_SECONDS:
+        lasts = step.time - now.begun
+        if now.told and MAX_CONTACT_SECONDS < lasts <= MAX_STANDING_SECONDS:
+            now.stands = True
+        elif now.told and lasts > MAX_STANDING_SECONDS:
+            self._open, self._quiet, self.gave_up = None, step.time, True
+        elif lasts > MAX_CONTACT_SECONDS:
             self._open, self._outlasted, self._quiet = None, now, step.time
         elif not now.told and now.lasting:
+            if now.doubted and self._sensors and step.time - now.begun <= 2.0 * FILTER_STEP_TIMES * delay:
+                now.zeroed = now.zeroed or self._zeroed(step)
+                if now.zeroed is not None:  # what it lacks since then is what the filter will show
+                    now.readings[-1] = now.readings[-1].copy()
+                    now.readings[-1][now.zeroed] = -contrast.value[now.zeroed]
             now.doubted = now.doubted and self._as_change(step, contrast, load, now.readings, 1.0)
             if not now.doubted and step.time - now.begun > FILTER_STEP_TIMES * delay:
                 return self._told(now, step, contrast)
         return []
+
+    def _size(self, now: _Open, value: FloatArray, std: FloatArray) -> float:
+        """Size of a contrast (nc,): of what a sensor shows in N or N m, which remains as the tool turns in a force."""
+        channels = self._report.channels
+        if channels.joint(now.channel) is None:
+            return float(np.linalg.norm(value[channels.kind == channels.kind[now.channel]]))
+        return float(np.linalg.norm(value / std))
 
     def _begun(
         self, step: ObserverOutput, clearest: _Excess, contrast: _Excess, load: FloatArray, delay: float
@@ -255,7 +293,7 @@ class ContactDetector:
                 np.linalg.norm(each / before.std) for each in (contrast.value + before.largest, before.largest)
             )
             if lasting and left < 0.5 * most:
-                return self._ended(before, step.time) if before.told else []
+                return []
         # An onset detects the start, but does not yet identify size and joint.
         doubted = not lasting or self._as_change(step, contrast, load, readings, 1.0 if goes_on else 0.5)
         now = self._open = _Open(
@@ -325,6 +363,27 @@ class ContactDetector:
             if (replace(contrast, value=seen).ratio < share).all(axis=1).any():
                 return True
         return False
+
+    def _zeroed(self, step: ObserverOutput) -> slice | None:
+        """A sensor all axes of which read nothing on average after some sample, and something else before it."""
+        time, every = np.array([then for then, _ in self._read]), np.array([read for _, read in self._read])
+        spacing = max(float(np.median(np.diff(time))), np.finfo(float).tiny)
+        width = max(round(ZEROED_MEAN_SECONDS / spacing), 1)
+        if len(time) < 4 * width:
+            return None
+        sums = np.vstack([np.zeros(every.shape[1]), np.cumsum(every, axis=0)])
+        means = (sums[width:] - sums[:-width]) / width  # from each sample on
+        before, after = means[:-width], means[width:]
+        recent = time[width : len(time) - width + 1] > step.time - ZEROED_SECONDS
+        for at in self._sensors:
+            second = np.diff(every[:, at], 2, axis=0)
+            noise = np.median(np.abs(second), axis=0) / (ABS_NORMAL_MEDIAN_OVER_STD * np.sqrt(6.0 * width))
+            sizes = np.repeat(np.linalg.norm(before[:, at].reshape(len(before), 2, 3), axis=2), 3, axis=1)
+            nothing = np.abs(after[:, at]) <= ZEROED_NOISES * noise + ZEROED_SHARE * sizes
+            something = np.abs(before[:, at]) > ZEROED_NOISES * noise + 3.0 * ZEROED_SHARE * sizes
+            if (nothing.all(axis=1) & something.any(axis=1) & recent).any():
+                return at
+        return None
 
     def _told(self, now: _Open, step: ObserverOutput, contrast: _Excess) -> list[WatchEvent]:
         """The event that something acts, as soon as the filter shows it and it is certain."""

@@ -153,16 +153,22 @@ class Watch:
                 shift = self._known(self._blocks.columns) - before
                 if shift.any():
                     # This change explains the present contrast.
-                    left = step.residual - shift
-                    self.observer.restart_mean(np.sign(left) * excess(left, step.sticking))
+                    self._restart_mean(step, shift)
                     self.touches.reset(time)
                     return events
-        events += self.touches.process_sample(step, self._blocks.columns, self.observer.delay)
+        events += self.touches.process_sample(step, self._blocks.columns, self.observer.delay, tau)
+        if self.touches.gave_up:
+            self._restart_mean(step)
         if self.touches.is_certainly_outside_torque and not going_on:
             self._blocks.drop_partial()  # it contains samples from before the detection
         if going_on and not self.touches.is_certainly_outside_torque:
             self._blocks.clear()
         return events
+
+    def _restart_mean(self, step: ObserverOutput, shift: FloatArray | float = 0.0) -> None:
+        """Let the running mean begin at the residual of a sample less a shift (nc,), N m or N."""
+        left = step.residual - shift
+        self.observer.restart_mean(np.sign(left) * excess(left, step.sticking))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -356,8 +362,8 @@ class Watch:
 
     def _passed(self, time: float, alarm: _Alarm) -> list[WatchEvent]:
         """Report a past outside torque that was too small or too slow for immediate detection."""
-        if alarm.torque is None:
-            return []
+        if alarm.torque is None or alarm.since <= self.touches.last_end:
+            return []  # nothing, or what was told
         sentence = (
             f"something outside acted on the arm for some seconds after {alarm.since:.1f} s, {alarm.torque} on "
             "average, and is gone."

@@ -69,6 +69,18 @@ def test_a_push_of_two_newtons_is_told_with_a_sensor_and_not_by_the_joints_alone
     assert EventKind.OUTSIDE_TORQUE not in {event.kind for event in events(by_joints, recording)}
 
 
+@pytest.mark.parametrize("seed", range(7, 11))
+def test_a_push_of_twelve_seconds_is_one_event_with_its_end(watch, seed):
+    found = events(watch, tools.worked(TOOL, seed, 32.0, begin=10.0, end=22.0, push=12.0 * PUSH))
+    assert [event.kind for event in found] == [
+        EventKind.UNIDENTIFIED,
+        EventKind.OUTSIDE_TORQUE,
+        EventKind.RECOVERED,
+    ]
+    assert 22.0 < found[2].time < 22.5
+    assert found[2].since == found[1].since
+
+
 def test_a_force_has_the_sign_of_what_acts_on_the_tool(watch):
     recording = tools.worked(TOOL, 4, 14.0, begin=10.0, end=11.0, push=4.0 * PUSH)
     (told,) = [e for e in events(watch, recording) if e.kind is EventKind.OUTSIDE_TORQUE]
@@ -101,6 +113,17 @@ def test_a_sensor_that_is_zeroed_is_no_contact_but_a_change_of_its_offsets(watch
     assert told.time < 45.0
     axis = watch.channels.names.index(told.channel) - JOINTS
     assert told.size == pytest.approx(-before[axis], abs=4.0 * told.std + 0.03 * abs(before[axis]) + 0.3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sensor_that_is_zeroed_while_its_tool_shakes_is_no_contact(watch, seed):
+    """The moment's reading, which it lacks from then on, is 6 % more than what the tool weighs."""
+    time, q, read = tools.worked(TOOL, seed, begin=20.0, zeroed=True)
+    before = tools.worked(TOOL, seed)[2][2500, JOINTS:]
+    read[2500:, JOINTS:] -= 0.06 * before
+    found = events(watch, (time, q, read))
+    assert {event.kind for event in found} <= {EventKind.UNIDENTIFIED, EventKind.ROBOT_CHANGED}
+    assert [event.what for event in found if event.kind is EventKind.ROBOT_CHANGED] == ["wrench_offset"]
 
 
 def test_sound_work_has_no_event(watch):
