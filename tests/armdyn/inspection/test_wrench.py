@@ -74,6 +74,16 @@ def test_a_corrected_wrench_is_the_sound_one(mistake):
         )
 
 
+@pytest.mark.parametrize("seed", [2, 4, 7, 8, 10, 13])
+def test_a_wrong_sign_of_the_torque_alone_is_found_beside_a_turned_sensor_and_a_pull(seed):
+    assert drawn(seed).faults.keys() & {"wrench_rotation", "cable_pull"}
+    run = recorded(drawn(seed), seed, seconds=12.0)
+    torques = {name: replace(c, value=-c.value) for name, c in run.channels.items() if name.startswith("t")}
+    (check,) = (c for c in inspect_runs([replace(run, channels={**run.channels, **torques})], sensed_model()).checks)
+    assert check.kind == "wrench_sign"
+    assert "its torque has the wrong sign" in check.sentence
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_faults_of_a_sensor_are_no_mistakes_of_its_recording(seed):
     found = inspect_runs([recorded(drawn(seed), seed, seconds=12.0)], sensed_model())
