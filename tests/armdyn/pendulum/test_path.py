@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.signal import TransferFunction, lsim
 
 from armdyn.errors import InputError
 from armdyn.pendulum.path import GripperPath, OnlinePathSmoother, RunInProgress, fixed_pivot_path, gripper_path
@@ -180,3 +181,21 @@ def test_the_adjoint_of_a_sensor_gives_the_same_sum():
     weights, signal = np.random.default_rng(0).normal(size=(2, len(GRID)))
     seen = sensor.read(signal[:, None], sampler, np.zeros(0))[:, 0]
     assert sensor.adjoint(weights, sampler, np.zeros(0)) @ signal == pytest.approx(weights @ seen, rel=1e-12)
+
+
+def test_noise_in_a_smoothed_acceleration_does_not_make_the_response_to_it_look_smaller():
+    """An arm's drives follow steps of the acceleration as a damped vibration; its encoders have a coarse step."""
+    w, damping, step = 2.0 * np.pi * 8.0, 0.3, 1e-3
+    fine = step * np.arange(10000)
+    drive = TransferFunction([w**2], [1.0, 2.0 * damping * w, w**2])
+    slopes = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        wanted = rng.uniform(-1.0, 1.0, 51)[(fine / 0.2).astype(int)]
+        a = lsim(drive, wanted - wanted.mean(), fine)[1]
+        x = np.cumsum(np.cumsum(a)) * step**2
+        measured = x[::10] + 3e-4 * rng.standard_normal(1000)
+        inner = slice(10, -10)
+        found = smoothed_motion(fine[::10], measured, 0.01)[2][inner]
+        slopes.append(float(found @ a[::10][inner] / (found @ found)))
+    assert np.mean(slopes) > 1.0
