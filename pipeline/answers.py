@@ -128,7 +128,8 @@ def model_fit_json(found: Comparison) -> dict[str, Any]:
     from armdyn.identify.bands import COVERAGE_LEVEL
 
     quality = "unit noise_std rmse held_out_rmse exam_rmse chi2_per_sample whiteness_p_value"
-    bands = found.bands
+    covered = found.bands.coverage if found.bands else {}
+    left = {one.run: None for one in found.bands.extrapolations} if found.bands else {}
     return {
         "parameters": parameters_json(found.parameters),
         **background_force_json(found.fit.problem.model),
@@ -139,7 +140,9 @@ def model_fit_json(found: Comparison) -> dict[str, Any]:
             attributes_as_json(one, "changes settled_by=identifying_states") for one in found.unidentified_combinations
         ],
         "outliers": outlier_counts(found.fit.problem.runs),
-        "bands": {c: {"level": COVERAGE_LEVEL, "covered": v} for c, v in bands.coverage.items()} if bands else {},
+        "bands": {
+            c: {"level": COVERAGE_LEVEL, "covered": v, "does_not_hold_in": list(left)} for c, v in covered.items()
+        },
         "channels": {name: attributes_as_json(channel, quality) for name, channel in found.channels.items()},
         "preparation": signal_preparation_json(found.fit.problem),
         "behaves_like_dynamics": finite_or_none(found.process_error),

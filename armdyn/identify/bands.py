@@ -12,13 +12,14 @@ the worst of the runs that were not fitted. These are the held-out runs and, for
 a fit to the others (conformal prediction with a scale for each sample: Lei et al., J. Am. Stat. Assoc. 113, 2018,
 section 5.2; runs are exchangeable, the samples of one run are not: Dunn et al., J. Am. Stat. Assoc. 118, 2023). A
 single training run is judged by its own residual. The band holds for motions of the same kind; on another kind of
-motion the measured coverage is reported, and an exam run that leaves the band where it leaves the range is named.
+motion the measured coverage is reported. An exam run that leaves the band where it leaves the range has none: what the
+model lacks grows there by an amount that no fitted run shows.
 
 The coverage is counted in runs that did not choose k_c: in the exam runs; where there are none, each run (or each half
 of a single run) is counted with the k_c that the others choose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,19 +38,50 @@ LEFT_RANGE_SHARE, LEFT_RANGE_SAMPLES = 0.25, 0.01
 if at least this share of its samples lies there."""
 
 
+@dataclass(frozen=True)
+class Extrapolation:
+    """An exam run in which the band does not hold, because a quantity leaves its range in the fitted runs.
+
+    Attributes:
+        run: name of the run.
+        quantity: name of the quantity.
+        value: its value furthest from the range, in `unit`.
+        low: least value in the fitted runs, in `unit`.
+        high: largest value in the fitted runs, in `unit`.
+        unit: unit of the quantity.
+    """
+
+    run: str
+    quantity: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def sentence(self) -> str:
+        """What left which range, without a full stop."""
+        return (
+            f"{self.run}: {self.quantity} comes to {self.value:.3g} {self.unit}, in the fitted runs from "
+            f"{self.low:.3g} to {self.high:.3g} {self.unit}: the model was not fitted there, and its band does not hold"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class PredictionBands:
     """Prediction bands of one fitted model.
 
     Attributes:
         half_width: half the width of the band, (n,) in the channel's unit, by run and channel, for training, held-out
-            and exam runs.
+            and exam runs; exam runs in which no band holds have none.
         coverage: measured share of the samples inside the band, by channel, in runs that were used neither to fit the
             values nor to choose the widths.
+        extrapolations: exam runs in which no band holds, with the reason.
     """
 
     half_width: dict[tuple[str, str], np.ndarray]
     coverage: dict[str, float]
+    extrapolations: tuple[Extrapolation, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +125,9 @@ def prediction_bands(study: Study, fit: Fit, covariance: np.ndarray) -> Predicti
         crossed = [] if apart else _crossed([s.ratio for s in judging[channel]])
         within = [ratio <= factor[channel] for ratio in apart] or crossed
         covered[channel] = float(np.mean(np.concatenate(within)))
-    return PredictionBands(half_width, covered)
+    left = tuple(_extrapolations(study, fit, half_width))
+    holding = {key: half for key, half in half_width.items() if all(key[0] != one.run for one in left)}
+    return PredictionBands(holding, covered, left)
 
 
 def _samples(fits: Sequence[Fit], problem: Problem, covariance: np.ndarray, error: dict[str, float]) -> list[_Samples]:
@@ -130,36 +164,27 @@ def _crossed(parts: list[np.ndarray]) -> list[np.ndarray]:
     return [part <= _factor([other for other in parts if other is not part]) for part in parts]
 
 
-def left_range_sentences(study: Study, fit: Fit, bands: PredictionBands) -> list[str]:
-    """Sentences, without full stops, on exam runs that leave both the range of the fitted runs and their own band.
+def _extrapolations(
+    study: Study, fit: Fit, half_width: Mapping[tuple[str, str], np.ndarray]
+) -> Iterator[Extrapolation]:
+    """Exam runs that leave both the range of the fitted runs and their own band, `half_width` by run and channel.
 
     What a model lacks may grow there, and no residual of a fitted run shows how much.
-
-    Args:
-        study: the runs.
-        fit: the fit to the training runs.
-        bands: its prediction bands.
     """
     fitted: dict[str, list[np.ndarray]] = {}
     for signals in fit.covariates().values():
         for name, channel in signals.items():
             fitted.setdefault(name, []).append(channel.value)
-    ranges = {name: (np.min(np.concatenate(v)), np.max(np.concatenate(v))) for name, v in fitted.items()}
-    found = []
+    ranges = {name: (float(np.min(np.concatenate(v))), float(np.max(np.concatenate(v)))) for name, v in fitted.items()}
     for one in study.exam_predictions(fit):
-        within = [np.abs(b.misfit) <= bands.half_width.get((b.run, b.channel), np.inf) for b in one.blocks]
+        within = [np.abs(b.misfit) <= half_width.get((b.run, b.channel), np.inf) for b in one.blocks]
         if np.mean(np.concatenate(within)) >= LEAST_COVERAGE:
             continue
         for run, signals in one.covariates().items():
             beyond = {name: _beyond(signals[name].value, *ranges[name]) for name in signals if name in ranges}
             name = max(beyond, key=lambda key: beyond[key][0], default="")
             if name and beyond[name][0] > LEFT_RANGE_SHARE:
-                (low, high), unit = ranges[name], signals[name].unit
-                found.append(
-                    f"{run}: {name} comes to {beyond[name][1]:.3g} {unit}, in the fitted runs from {low:.3g} to "
-                    f"{high:.3g} {unit}: the model was not fitted there, and its band does not hold"
-                )
-    return found
+                yield Extrapolation(run, name, beyond[name][1], *ranges[name], signals[name].unit)
 
 
 def _beyond(values: np.ndarray, low: float, high: float) -> tuple[float, float]:

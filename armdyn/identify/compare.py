@@ -11,7 +11,7 @@ from armdyn.arm.drives import Servo
 from armdyn.displayable import Displayable
 from armdyn.document import Document, ResultLevel, Section
 from armdyn.effects.effect import recorded_columns
-from armdyn.identify.bands import PredictionBands, left_range_sentences, prediction_bands
+from armdyn.identify.bands import PredictionBands, prediction_bands
 from armdyn.identify.explained_share import ChannelScale
 from armdyn.identify.failed_fit import failed_fit_sentence
 from armdyn.identify.fit import Fit, channel_rmse
@@ -263,7 +263,7 @@ def comparison(
                 if column.name not in run.extra
             ),
             *study.remarks(fit),
-            *(left_range_sentences(study, fit, bands) if bands else []),
+            *(one.sentence for one in (bands.extrapolations if bands else ())),
         ),
         unidentified_combinations=together,
         std_inflation=certain.std_inflation,

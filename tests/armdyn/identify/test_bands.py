@@ -15,6 +15,7 @@ from armdyn.pendulum.model import pendulum_model
 from armdyn.recording.units import KnownQuantity
 from armdyn.run import Channel, Run
 from pipeline.answers import comparison_json
+from pipeline.report.overlay import study_overlays
 
 
 def recordings(seed: int, count: int) -> list:
@@ -67,9 +68,14 @@ def test_an_exam_that_leaves_its_band_beyond_the_range_of_the_fitted_runs_is_nam
     one, two, exam = (
         swing(f"{name}.csv", at, drag, rng) for name, at in (("one", 0.3), ("two", 0.35), ("exam", amplitude))
     )
-    found = compare(make_study(pendulum_model(0.35, 0.1), [one, two], [], [], [exam]))
+    study = make_study(pendulum_model(0.35, 0.1), [one, two], [], [], [exam])
+    found = compare(study)
     said = [text for text in found.left_out if "band does not hold" in text]
     assert bool(said) is told
+    answer = comparison_json(study, found)["bands"]["swing_angle"]
+    assert answer["does_not_hold_in"] == (["exam.csv"] if told else [])
+    overlays = study_overlays(study, [found.fit], bands=found.bands)
+    assert {one.run for one in overlays if one.half_width is None} == ({"exam.csv"} if told else set())
     if told:
         assert said[0].startswith("exam.csv: swing_")
         size = 1.0 if said[0].split()[1] == "swing_angle" else np.sqrt(9.81 / 0.35)
