@@ -45,7 +45,8 @@ class Run(Displayable):
         description: a sentence for a reader.
         source: the file it came from; None where it was made in memory.
         warnings: a sentence for everything that was lost, such as the end of a recording that was cut off.
-        began: start time, s, of the recording of which this run is a piece; None where it is complete.
+        began: start time, s, of the recording of which this run is a piece, or of the first of several recordings that
+            share a clock; None where it stands alone.
         outliers: number of samples that were left out as faulty, by channel.
         spread: variance, s^2, of the instants over which samples are means, by channel. Such a mean differs from the
             signal by half of its second derivative times the variance.

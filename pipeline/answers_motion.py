@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtr
 
-from pipeline.fields import attributes_as_json, json_value
+from pipeline.fields import attributes_as_json, finite_or_none, json_value
 
 if TYPE_CHECKING:
     from armdyn.experiments.plan import ExperimentPlan, ProposedExperiment
@@ -37,16 +37,19 @@ def next_experiment_json(
     return answer | {
         "rivals": names,
         "belief": json_value(dict(zip(names, plan.rival_probabilities, strict=True))),
-        "experiments": [proposed_experiment_json(p, output) for p in plan.proposals],
+        "experiments": [
+            proposed_experiment_json(p, output if _is_written(p, first=k == 0) else None)
+            for k, p in enumerate(plan.proposals)
+        ],
         "inseparable": [attributes_as_json(p, "effects why") for p in plan.inseparable],
     }
 
 
 def proposed_experiment_json(proposal: ProposedExperiment, output: Path | None = None) -> dict[str, Any]:
-    """JSON of one proposed experiment; `output` is the file with its motion."""
+    """JSON of one proposed experiment; `output` is the file with its motion or its inputs, None for no file."""
     e, motion = proposal.experiment, proposal.experiment.motion
     answer = attributes_as_json(e, "kind what") | attributes_as_json(proposal.expected, "separation probability")
-    answer["output"] = str(output) if e.kind == "motion" and output is not None else None
+    answer["output"] = None if output is None else str(output)
     if motion is not None:
         answer |= attributes_as_json(
             motion, "seconds=duration effort peak=", peak=dict(zip("xva", motion.peaks, strict=True))
@@ -83,6 +86,11 @@ def next_motion_json(asked: ArmQuestion, found: Excitation | None, output: Path 
     return answer | {"rivals": list(goal.rivals), "belief": {}, "experiments": [motion], "inseparable": pairs}
 
 
+def _is_written(proposal: ProposedExperiment, *, first: bool) -> bool:
+    """Whether `next --output` writes this experiment: the designed motion, or the best signals for a process."""
+    return proposal.experiment.kind == "motion" or (first and proposal.experiment.recording is not None)
+
+
 def investigation_json(found: Investigation) -> list[dict[str, Any]]:
     """JSON of the experiments that a trial made to find missing effects, one entry per experiment.
 
@@ -92,8 +100,12 @@ def investigation_json(found: Investigation) -> list[dict[str, Any]]:
         attributes_as_json(stage.diagnosis, "verdict sentence")
         | attributes_as_json(
             stage,
-            "candidates experiment= belief gap residual",
+            "candidates experiment= belief gap residual too_small_to_show=",
             experiment=None if stage.proposal is None else proposed_experiment_json(stage.proposal),
+            too_small_to_show=[
+                {"parameter": one.parameter.name, "size": finite_or_none(one.size), "unit": one.parameter.unit}
+                for one in stage.limits
+            ],
         )
         for stage in found.stages
     ]

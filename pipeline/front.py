@@ -1,6 +1,6 @@
 """Functions for scripts that need a robot or a file format: import a log, export a model, check or design a motion."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -185,7 +185,8 @@ def next_experiment(
     held_out: Runs = (),
     *,
     rivals: Sequence[str] | None = None,
-    seconds: float = 8.0,
+    seconds: float | None = None,
+    inputs: Mapping[str, tuple[float, float]] | None = None,
     travel: float | None = None,
     speed: float | None = None,
     acceleration: float | None = None,
@@ -195,14 +196,17 @@ def next_experiment(
 ) -> "ExperimentPlan":
     """Plan the experiment that best distinguishes effects between which the recordings cannot decide.
 
-    The plan contains the best motion of the gripper.
+    The plan contains the best motion of the gripper, or for a base of one's own signals for its inputs.
 
     Args:
-        model: model of a pendulum, or its file.
+        model: model of a pendulum or of a base of one's own, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that help to choose effects, but are never fitted.
         rivals: names of effects to distinguish; by default those between which the diagnosis cannot decide.
-        seconds: duration of the motion [s].
+        seconds: duration of the designed motion or signal [s]; None for 8 s, or of a base of one's own for that of the
+            last recording.
+        inputs: least and largest value of inputs of a base of one's own, in their units; by default the range of the
+            recordings.
         travel: largest distance of the gripper from the middle of the line [m], if the robot is not Baxter.
         speed: largest speed of the gripper [m/s], if the robot is not Baxter.
         acceleration: largest acceleration of the gripper [m/s^2], if the robot is not Baxter.
@@ -219,7 +223,8 @@ def next_experiment(
     _, sentence, found = rivals_of_study(CheckedStudy.of(model, runs, held_out, effects=effects).study, rivals)
     if found is None:
         raise TaskFailedError(sentence)
-    return plan_experiment(found, seconds, user_given_gripper_limits(travel, speed, acceleration, swing), seed)[0]
+    limits = user_given_gripper_limits(travel, speed, acceleration, swing)
+    return plan_experiment(found, seconds, limits, inputs or {}, seed)[0]
 
 
 def user_given_gripper_limits(
@@ -244,25 +249,52 @@ def user_given_gripper_limits(
 
 
 def plan_experiment(
-    rivals: "Rivals", seconds: float, limits: "GripperLimits | None", seed: int = 0, say: Say = lambda _: None
-) -> "tuple[ExperimentPlan, GripperPath | None]":
-    """Plan an experiment that distinguishes rival effects, and design the gripper's motion.
+    rivals: "Rivals",
+    seconds: float | None,
+    limits: "GripperLimits | None",
+    inputs: Mapping[str, tuple[float, float]],
+    seed: int = 0,
+    say: Say = lambda _: None,
+) -> "tuple[ExperimentPlan, GripperPath | Run | None]":
+    """Plan an experiment that distinguishes rival effects, and design the gripper's motion or signals for inputs.
 
     Args:
         rivals: effects to distinguish, as hypotheses.
-        seconds: duration of the motion [s].
+        seconds: duration of the motion or the signal [s]; None for the usual one.
         limits: limits of the gripper's motion; None for Baxter, whose whole arm is checked.
-        seed: seed of the random motions.
+        inputs: least and largest value of inputs of a base of one's own; by default those of the last recording.
+        seed: seed of the random motions and signals.
         say: function that is called with a sentence about each step.
 
     Returns:
-        The plan, and the motion; None where no feasible motion would be useful.
+        The plan, and the motion, or a run with the inputs of the best experiment; None where none would be useful.
     """
-    from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, plan_experiment
+    from armdyn.experiments.plan import (
+        MIN_RIGHT_VERDICT_PROBABILITY,
+        USUAL_MOTION_SECONDS,
+        plan_experiment,
+        plan_process_experiment,
+    )
+    from armdyn.experiments.process import input_ranges, process_experiments
     from pipeline.box import LOAD_RADIUS
     from pipeline.motion.feasible_motion import with_feasible_motion
 
-    made = plan_experiment(rivals, seconds, limits, seed=seed, say=say)
+    if rivals.of_process:
+        driving = [name for name in rivals.hypotheses[0].model.inputs if name in rivals.last.channels]
+        ranges = input_ranges([rivals.last], driving, inputs)
+        made = plan_process_experiment(rivals, process_experiments(rivals, ranges, seconds, seed), seed, say)
+        first = made.proposals[0] if made.proposals else None
+        if first is None or first.experiment.recording is None or not driving:
+            return made, None
+        if first.expected.probability <= MIN_RIGHT_VERDICT_PROBABILITY:
+            return made, None
+        run = first.experiment.recording
+        return made, replace(run, channels={name: run.channels[name] for name in driving})
+    if inputs:
+        raise InputError(
+            f"--input {next(iter(inputs))}: a gripper moves in these runs: limit it with --travel, --speed"
+        )
+    made = plan_experiment(rivals, USUAL_MOTION_SECONDS if seconds is None else seconds, limits, seed=seed, say=say)
     if limits is None and made.motion is not None:
         say("checking the motion on the whole arm")
         made, offer = with_feasible_motion(made, LOAD_RADIUS)

@@ -11,10 +11,12 @@ from scipy.linalg import block_diag
 
 from armdyn.estimation.covariance import covariance_root
 from armdyn.experiments.series import SeriesBasis
+from armdyn.model import Prediction
 from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath
 from armdyn.physics.adjoint import Adjoint
 from armdyn.physics.simulate import Rollout, System
+from armdyn.physics.simulated import SimulatedModel
 from armdyn.readout import InterpolatingSampler, first_order_lag
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
@@ -38,18 +40,25 @@ class Hypothesis:
         free: parameters that a fit may change and that all runs share.
         information: (k, k) information of runs and priors on `free`, in inverse squares of the parameters' units.
         misfit: chi2 less that of the best hypothesis so far.
+        begun: state at the start of the last run, by name of its start value.
     """
 
     name: str
-    model: PendulumModel
+    model: SimulatedModel
     free: tuple[str, ...]
     information: np.ndarray
     misfit: float = 0.0
+    begun: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def rest_angle(self) -> float:
         """Angle, rad, at which the load hangs at rest by this hypothesis."""
-        return self.model.rest_angle()
+        return self.pendulum.rest_angle()
+
+    @property
+    def pendulum(self) -> PendulumModel:
+        """The model, which must be that of a pendulum."""
+        return cast(PendulumModel, self.model)  # see `require_plannable`
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +67,8 @@ class PlannedExperiment:
 
     Attributes:
         kind: motion, mass, length, angle_sensor, weigh, measure, turn or rest; below a pivot that stands still also
-            larger, smaller or longer.
+            larger, smaller or longer; with a process of one's own step, small_step, steps, chirp, longer, larger or
+            smaller.
         what: instruction for the experimenter.
         motion: motion of the gripper from rest to rest, its time from 0; None where nothing is recorded.
         noise: by channel, standard deviation of one sample, increased for the samples' correlation, in the channel's
@@ -68,6 +78,10 @@ class PlannedExperiment:
         sign_reversed: parameters that have the opposite sign in this run.
         released: angle from which a hand releases the load, rad; None for a load that hangs at rest.
         rate: sampling rate of each channel, Hz.
+        elapsed: time from the beginning of the recordings to that of the experiment, s, for effects that change with
+            time.
+        recording: of a process of one's own, inputs and time stamps of what is measured; None for a pendulum.
+        begins: of such a process, value and standard deviation of each state at the start, by name.
     """
 
     kind: str
@@ -79,16 +93,19 @@ class PlannedExperiment:
     sign_reversed: tuple[str, ...] = ()
     released: float | None = None
     rate: float = 100.0
+    elapsed: float = 0.0
+    recording: Run | None = None
+    begins: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def along_motion(self, motion: GripperPath) -> "PlannedExperiment":
         """This experiment with another motion of the gripper."""
-        return replace(self, motion=motion)
+        return replace(self, motion=motion.begun_at(self.elapsed) if self.elapsed else motion)
 
     @cached_property
     def run(self) -> Run | None:
         """A recording with the motion of the experiment and with zeros as measured values."""
         if self.motion is None:
-            return None
+            return self.recording
         time = self.motion.time
         rows = [
             *zip(
@@ -100,6 +117,15 @@ class PlannedExperiment:
             *((name, np.zeros(len(time)), unit) for name, unit in zip(EXPERIMENT_CHANNELS, ("N", "rad"), strict=True)),
         ]
         return Run("experiment", {name: Channel(time, row, unit) for name, row, unit in rows})
+
+    def start_state(self, hypothesis: Hypothesis) -> Mapping[str, tuple[float, float]]:
+        """Value and standard deviation of each state at the start, by name, if the hypothesis is true."""
+        if self.motion is None:
+            return self.begins
+        angle, std = hypothesis.rest_angle, START_STD
+        if self.released is not None:
+            angle, std = self.released, RELEASE_STD
+        return {"initial_angle": (angle, std["initial_angle"]), "initial_rate": (0.0, std["initial_rate"])}
 
 
 class PredictedExperiment:
@@ -118,14 +144,11 @@ class PredictedExperiment:
     def __init__(self, hypothesis: Hypothesis, experiment: PlannedExperiment) -> None:
         self.hypothesis, self.experiment = hypothesis, experiment
         model, free, changed = hypothesis.model, hypothesis.free, experiment.changed
-        own = (*model.start_names, *changed) if experiment.motion is not None else ()
+        begin = {**experiment.start_state(hypothesis), **changed}
+        own = (*model.start_names, *changed) if experiment.run is not None else ()
         self.names = (*free, *own)
-        hangs = experiment.released is None
-        start = {"initial_angle": hypothesis.rest_angle if hangs else experiment.released, "initial_rate": 0.0}
-        start_std = START_STD if hangs else RELEASE_STD
-        begin = start | {name: value for name, (value, _) in changed.items()}
-        self.start = np.array([*(model.value(name) for name in free), *(begin[name] for name in own)])
-        stds = [changed[name][1] if name in changed else start_std[name] for name in own]
+        self.start = np.array([*(model.value(name) for name in free), *(begin[name][0] for name in own)])
+        stds = [begin[name][1] for name in own]
         known = [stds[i] ** -2.0 if name in changed else 0.0 for i, name in enumerate(own)]
         self.prior = block_diag(hypothesis.information, np.diag(known))
         self.covariance_root = block_diag(covariance_root(hypothesis.information), np.diag(stds))
@@ -163,11 +186,8 @@ class PredictedExperiment:
     def _predicted(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         e, model = self.experiment, self.hypothesis.model
         readings, slopes = [np.zeros(0)], [np.zeros((0, len(self.names)))]
-        if e.run is not None and e.motion is not None:
-            measured, whole = tuple(self.weights), self.rollout(values)
-            rows = [EXPERIMENT_CHANNELS.index(channel) for channel in measured]
-            rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
-            found = model.sensor_readings(e.run, e.motion, rolled, self.theta(values), measured)
+        if e.run is not None:
+            found = self._readings(e.run, values)
             columns = [model.names.index(name) for name in self.names]
             # The value of the other runs does not act in this one.
             acts = np.array([name not in e.changed or i == self._place[name] for i, name in enumerate(self.names)])
@@ -181,12 +201,23 @@ class PredictedExperiment:
             slopes.append((np.arange(len(self.names)) == place)[None] / std)
         return np.concatenate(readings), np.vstack(slopes)
 
+    def _readings(self, run: Run, values: np.ndarray) -> Prediction:
+        """Readings of the experiment's sensors at (m,) values of the unknowns."""
+        model, motion = self.hypothesis.model, self.experiment.motion
+        if motion is None:
+            return model.predict(run, self.theta(values))
+        measured, whole = tuple(self.weights), self.rollout(values)
+        rows = [EXPERIMENT_CHANNELS.index(channel) for channel in measured]
+        rolled = whole._replace(outputs=whole.outputs[:, rows], sensitivities=whole.sensitivities[:, rows])
+        return model.sensor_readings(run, motion, rolled, self.theta(values), measured)
+
     @cached_property
     def weights(self) -> dict[str, float]:
         """Inverse of the noise of every channel that the experiment measures, by name."""
         e = self.experiment
         per_node = np.sqrt(e.motion.dt * e.rate) if e.motion is not None else 1.0
-        return {channel: per_node / e.noise[channel] for channel in EXPERIMENT_CHANNELS if channel in e.noise}
+        measured = e.noise if e.recording is not None else EXPERIMENT_CHANNELS
+        return {channel: per_node / e.noise[channel] for channel in measured if channel in e.noise}
 
     @property
     def motion(self) -> GripperPath:
@@ -221,7 +252,7 @@ class PredictedExperiment:
             readings: (n,) weights of the readings, which are divided by their noise.
             swing: (K,) weights of the swing angle, in addition to the readings.
         """
-        model, motion = self.hypothesis.model, self.motion
+        model, motion = self.hypothesis.pendulum, self.motion
         physics = np.array([self.theta(values)[model.names.index(name)] for name in model.physics_names])
         sampler, count = InterpolatingSampler(motion.time, motion.time), len(motion.time)
         outputs = np.zeros((count, len(EXPERIMENT_CHANNELS)))

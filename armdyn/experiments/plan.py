@@ -16,6 +16,7 @@ from armdyn.document import Column, Curve, Document, Section, Table
 from armdyn.experiments.gripper import design_motion
 from armdyn.experiments.hypothesis import Hypothesis, PlannedExperiment, PredictedExperiment
 from armdyn.experiments.limits import GripperLimits
+from armdyn.experiments.process import is_possible
 from armdyn.experiments.rivals import Rivals, last_motion
 from armdyn.experiments.search import ReportProgress
 from armdyn.experiments.separation import ExpectedOutcome, RivalRefitCost, expected_outcome, hypothesis_probabilities
@@ -42,6 +43,8 @@ OTHER_LOAD_MASS_RATIO = 2.0
 """Ratio of the other load's mass to the present one: the same shape, filled."""
 OTHER_STRING_LENGTH_RATIO = 0.7
 """Ratio of the other string's length to the present one."""
+USUAL_MOTION_SECONDS = 8.0
+"""Duration of a designed motion of the gripper, s."""
 RECORDING_AT_REST_SECONDS = 60.0
 """Duration of a recording at rest, s."""
 REST_NODE_INTERVAL_SECONDS = 0.02
@@ -88,7 +91,7 @@ def _why(first: Hypothesis, second: Hypothesis, experiment: PlannedExperiment) -
         f"along every motion {second.name} with {_changes(first, rival, best)} predicts what {first.name} does "
         f"({float(np.sqrt(rise / max(len(readings), 1))):.1g} of the noise apart)"
     )
-    model = second.model
+    model = second.pendulum
     values = {n: float(v) for n, v in zip(rival.names, best, strict=True) if n not in model.start_names}
     hangs = model.with_values(values).rest_angle()
     if abs(hangs) > MIN_REPORTED_REST_ANGLE_RADIANS and abs(
@@ -225,7 +228,7 @@ def _moved(run: Run) -> list[Curve]:
 @one_thread
 def plan_experiment(
     rivals: Rivals,
-    seconds: float = 8.0,
+    seconds: float = USUAL_MOTION_SECONDS,
     limits: GripperLimits | None = None,
     seed: int = 0,
     say: ReportProgress = lambda _: None,
@@ -241,12 +244,53 @@ def plan_experiment(
         moving = designed_motion(rivals, seconds, limits, seed, say)
         pairs = inseparable_pairs(rivals.hypotheses, moving.expected, moving.experiment)
         proposals, others = [moving], other_experiments(rivals, seconds)
-    for experiment in others:
-        if not is_safe(rivals, experiment, limits.swing if limits is not None else np.inf):
-            continue
-        say(f"weighing up: {experiment.kind}")
-        proposals.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
+    proposals += _weighed_up(rivals, others, limits, seed, say)
     return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), pairs)
+
+
+@one_thread
+def plan_process_experiment(
+    rivals: Rivals,
+    experiments: Sequence[PlannedExperiment],
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> ExperimentPlan:
+    """Compare experiments with a process of one's own by their expected results; see `process_experiments`."""
+    possible = [e for e in experiments if is_possible(rivals.hypotheses, e)]
+    proposals = _expected(rivals, possible, seed, say)
+    return ExperimentPlan(rivals, tuple(sorted(proposals, key=lambda p: p.rank)), ())
+
+
+def best_without_designed_motion(
+    rivals: Rivals, seconds: float, limits: GripperLimits | None = None
+) -> ProposedExperiment | None:
+    """The best experiment without a designed motion, such as weighing the load; None if none is worth its work."""
+    proposals = _weighed_up(rivals, other_experiments(rivals, seconds), limits)
+    best = min(proposals, key=lambda p: p.rank, default=None)
+    return best if best is not None and best.expected.probability > MIN_RIGHT_VERDICT_PROBABILITY else None
+
+
+def _weighed_up(
+    rivals: Rivals,
+    experiments: Sequence[PlannedExperiment],
+    limits: GripperLimits | None,
+    seed: int = 0,
+    say: ReportProgress = lambda _: None,
+) -> list[ProposedExperiment]:
+    """The safe ones of some experiments, with their expected results."""
+    safe = [e for e in experiments if is_safe(rivals, e, limits.swing if limits is not None else np.inf)]
+    return _expected(rivals, safe, seed, say)
+
+
+def _expected(
+    rivals: Rivals, experiments: Sequence[PlannedExperiment], seed: int, say: ReportProgress
+) -> list[ProposedExperiment]:
+    """Experiments with their expected results."""
+    found = []
+    for experiment in experiments:
+        say(f"weighing up: {experiment.kind}")
+        found.append(ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed)))
+    return found
 
 
 def is_safe(rivals: Rivals, experiment: PlannedExperiment, swing: float) -> bool:
@@ -273,9 +317,13 @@ def designed_motion(
     limits: GripperLimits | None = None,
     seed: int = 0,
     say: ReportProgress = lambda _: None,
+    elapsed: float = 0.0,
 ) -> ProposedExperiment:
-    """The experiment with the motion that separates the rivals best; pairs that no motion separates are ignored."""
-    experiment = PlannedExperiment("motion", "swing along the designed motion", noise=rivals.noise)
+    """The experiment with the motion that separates the rivals best; pairs that no motion separates are ignored.
+
+    It begins `elapsed` s after the beginning of the recordings; for the other arguments see `plan_experiment`.
+    """
+    experiment = PlannedExperiment("motion", "swing along the designed motion", noise=rivals.noise, elapsed=elapsed)
     motion, random = design_motion(rivals.hypotheses, experiment, seconds, limits, seed, say)
     experiment = experiment.along_motion(motion)
     return ProposedExperiment(experiment, expected_outcome(rivals.hypotheses, experiment, seed), random)

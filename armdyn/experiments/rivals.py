@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from armdyn.identify.residual.block import blocks_by_channel
 from armdyn.identify.selection.candidate import Candidate, group_by_effect
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.study import Study
-from armdyn.pendulum.model import PendulumModel
 from armdyn.pendulum.path import GripperPath, gripper_path
+from armdyn.physics.simulated import SimulatedModel, as_model_with_motion, as_simulated_model
 from armdyn.run import Run
 from armdyn.threads import one_thread
 
@@ -52,20 +51,34 @@ class Rivals:
         """Whether no gripper moves, so that an experiment is a swing that a hand releases."""
         return "gripper_x" not in self.last.channels
 
+    @property
+    def of_process(self) -> bool:
+        """Whether the model is that of a process of one's own, not of a pendulum."""
+        return not self.hypotheses[0].model.hangs_from_gripper
 
-def require_pendulum(study: Study) -> None:
-    """Refuse a study for which no experiment of a pendulum can be planned.
+
+def require_plannable(study: Study) -> None:
+    """Refuse a study for which no experiment can be planned.
 
     Raises:
-        InputError: the model is not a pendulum, a gripper moves in some runs only, or a run has no channel by which an
-            experiment is judged.
+        InputError: the model simulates no motion, or an unstable one; or it is a pendulum, and a gripper moves in some
+            runs only, or a run has no channel by which an experiment is judged.
     """
     model = study.model
     if not model.hangs_from_gripper:
-        raise InputError(
-            f"experiments are designed for pendulums, and this model is of base '{model.base}': for an arm, "
-            f"'armdyn excite' designs the motion{''.join(f'. {text}' for text in model.open_questions)}"
-        )
+        simulated = as_model_with_motion(model)
+        if simulated is None:
+            raise InputError(
+                "experiments are designed for pendulums and bases of your own, and this model is of base "
+                f"'{model.base}': for an arm, 'armdyn excite' designs the motion"
+                + "".join(f". {text}" for text in model.open_questions)
+            )
+        if simulated.following.restart is not None:
+            raise InputError(
+                f"a process of base '{model.base}' is unstable, so no signal can be applied to it as it was planned: "
+                "plan experiments with the controller that holds it, as a part of the base"
+            )
+        return
     moved = [run for run in study.runs if "gripper_x" in run.channels]
     for run in study.runs:
         if moved and run not in moved:
@@ -87,10 +100,10 @@ def rivals_of_study(
     If `names` of effects are given, these are the rivals, and the study is not diagnosed.
 
     Raises:
-        InputError: see `require_pendulum` and `rivals_by_name`.
+        InputError: see `require_plannable` and `rivals_by_name`.
         TaskFailedError: the fit has failed.
     """
-    require_pendulum(study)
+    require_plannable(study)
     if names is not None:
         return "", "", rivals_by_name(study, names)
     found = diagnose(study, say)
@@ -122,7 +135,7 @@ def rivals_of_diagnosis(study: Study, found: Diagnosis) -> Rivals | None:
     sets = undistinguished_effect_sets(found)
     if len(sets) < 2:
         return None
-    return _fitted(study, sets, found.search.steps[0].fit)
+    return fit_rivals(study, sets, found.search.steps[0].fit)
 
 
 def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) -> Rivals | None:
@@ -143,9 +156,14 @@ def rivals_of_first_effect(study: Study, found: Diagnosis, *, designed: bool) ->
     leading = {c.effect for c in steps[1].added}
     rest = tuple(c for c in added if c.effect not in leading)
     by_name = _by_name(study)
-    others = [s.effect for s in found.ranked_effects if s.effect not in {c.effect for c in added}]
+    # A ranking is linearised at the leading effect, where its nearest rival may look worse than none.
+    scores = study.scores(steps[0].fit, steps[0].effects)
+    least = study.settings.search.missing_evidence_share * scores[0].chi2_decrease
+    promised = [s.candidate.effect for s in scores if s.chi2_decrease >= least]
+    likely = dict.fromkeys([*(s.effect for s in found.ranked_effects), *promised])
+    others = [name for name in likely if name in by_name and name not in {c.effect for c in added}]
     sets = [tuple(added), *((*rest, by_name[name]) for name in others[: MAX_RIVALS - 1])]
-    all_of_them = _fitted(study, sets, steps[0].fit)
+    all_of_them = fit_rivals(study, sets, steps[0].fit)
     # Otherwise the fall of chi2 that a diagnosis requires of one effect among the catalogue is required.
     margin = (
         TIE_CHI2 if designed else 2.0 * (study.settings.search.acceptance_nats + float(np.log(len(study.candidates))))
@@ -167,13 +185,13 @@ def rivals_by_name(study: Study, names: Sequence[str]) -> Rivals:
         if name not in by_name:
             raise UnknownNameError("effect", name, by_name)
     sets: list[tuple[Candidate, ...]] = [(by_name[name],) for name in dict.fromkeys(names)]
-    return _fitted(study, sets if len(sets) > 1 else [*sets, ()], study.first())
+    return fit_rivals(study, sets if len(sets) > 1 else [*sets, ()], study.first())
 
 
 def rivals_refitted_to(study: Study, sets: Sequence[Sequence[str]]) -> Rivals:
     """Rivals with the effects of each of `sets` added, fitted to the runs of a study."""
     by_name = _by_name(study)
-    return _fitted(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
+    return fit_rivals(study, [tuple(by_name[name] for name in names) for names in sets], study.first(), most=len(sets))
 
 
 def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | None:
@@ -184,7 +202,7 @@ def rival_values_of_worst_parameter(study: Study, found: Diagnosis) -> Rivals | 
     """
     if found.residual_character is not None and found.search.last.tests.fails:
         return None
-    noise = _effective_noise(found.search.last.fit)
+    noise = effective_noise(found.search.last.fit)
     best = _hypothesis(study, found.search.last.fit, (), noise)
     covariance = pseudo_inverse(best.information)
     parameters = [best.model.parameters[name] for name in best.free]
@@ -216,9 +234,17 @@ def _by_name(study: Study) -> dict[str, Candidate]:
     return {c.effect: c for c in study.candidates}
 
 
-def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
+def fit_rivals(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, most: int = MAX_RIVALS) -> Rivals:
+    """Fit the model with each of `sets` of effects added, and keep the `most` that fit best, the best first.
+
+    Args:
+        study: the study.
+        sets: sets of effects.
+        first: fit of the model as given, from which the fits start.
+        most: number of hypotheses that are kept.
+    """
     fits = [continue_fit(study.fit_base_with_effects((*study.present, *s), first)) for s in sets]
-    noise = _effective_noise(min(fits, key=lambda one: one.cost))
+    noise = effective_noise(min(fits, key=lambda one: one.cost))
     common = set.intersection(*(set(s) for s in sets))
     own = [tuple(c for c in s if c not in common) for s in sets]
     hypotheses = [_hypothesis(study, fit, effects, noise) for fit, effects in zip(fits, own, strict=True)]
@@ -227,7 +253,7 @@ def _fitted(study: Study, sets: Sequence[tuple[Candidate, ...]], first: Fit, mos
     return Rivals(tuple(hypotheses[:most]), noise, study.runs[-1])
 
 
-def _effective_noise(best: Fit) -> dict[str, float]:
+def effective_noise(best: Fit) -> dict[str, float]:
     """By channel, the residual of the best model, at least the noise, increased for the samples' correlation."""
     left = best.rmse()
     return {
@@ -240,7 +266,7 @@ def _effective_noise(best: Fit) -> dict[str, float]:
 def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[str, float]) -> Hypothesis:
     """A fit as a hypothesis: values, and information of all runs with the unknowns of single runs as nuisance."""
     lean = study.without_unused_effects(found)
-    model, last = cast(PendulumModel, lean.problem.model), len(lean.problem.runs) - 1  # see `require_pendulum`
+    model, last = as_simulated_model(lean.problem.model), len(lean.problem.runs) - 1  # see `require_plannable`
     problem = Problem(
         model, lean.problem.runs, {key: noise[key[1]] for key in lean.problem.noise}, lean.problem.settings
     )
@@ -250,16 +276,17 @@ def _hypothesis(study: Study, found: Fit, own: Sequence[Candidate], noise: dict[
     shared = {name: unknowns[i] for name, i in places if i in unknowns and name not in model.start_names}
     others = np.setdiff1d(np.arange(len(unknowns)), list(shared.values()))
     kept, _ = marginal_information(at.hessian, np.array(list(shared.values()), dtype=int), others)
-    theta = zip(model.names, problem.theta(last, lean.values).tolist(), strict=True)
-    values, names = {name: value for name, value in theta if name not in model.start_names}, tuple(shared)
+    theta = dict(zip(model.names, problem.theta(last, lean.values).tolist(), strict=True))
+    begun = {name: theta.pop(name) for name in model.start_names}
+    values, names = theta, tuple(shared)
     for i, name in enumerate(names):
         if any(name in c.names for c in own):
             values[name] = _sizeable(model, name, values[name], float(kept[i, i]))
     spoken = " + ".join(c.name_in_sentence for c in own) or NO_EFFECT_NAME
-    return Hypothesis(spoken, model.with_values(values), names, kept, 2.0 * at.cost)
+    return Hypothesis(spoken, model.with_values(values), names, kept, 2.0 * at.cost, begun)
 
 
-def _sizeable(model: PendulumModel, name: str, value: float, information: float) -> float:
+def _sizeable(model: SimulatedModel, name: str, value: float, information: float) -> float:
     """A value of an effect that is worth testing: the fitted one, or where it is zero as much as the runs allow."""
     p = model.parameters[name]
     std = information**-0.5 if information > 0.0 else np.inf

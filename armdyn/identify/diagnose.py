@@ -1,6 +1,6 @@
 """Find which physical effect is missing from a model, with a verdict that may be "unknown"."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -132,6 +132,32 @@ def diagnose(study: Study, progress: ProgressCallback | None = None) -> Diagnosi
         residual_character=unknown,
         search=found,
         missing_force=forces,
+    )
+
+
+def diagnosis_naming(study: Study, found: Diagnosis, names: Collection[str]) -> Diagnosis:
+    """A diagnosis that names effects by the evidence of an experiment that was made to show them.
+
+    Args:
+        study: the study.
+        found: its diagnosis, which names no effect.
+        names: names of the effects.
+    """
+    given = found.search.steps[0]
+    added = tuple(c for c in study.candidates if c.effect in names)
+    effects = (*given.effects, *added)
+    fit = study.fit_base_with_effects(effects, given.fit)
+    step = SearchStep(added, (), effects, fit, study.tests(fit, effects))
+    path = replace(found.search, steps=(given, step))
+    unknown = characterise(fit) if step.tests.fails else None
+    return replace(
+        found,
+        verdict=Verdict.EFFECT_MISSING,
+        sentence=diagnosis_sentence(study, path, unknown),
+        search=path,
+        residual_character=unknown,
+        missing_force=path.missing_force(),
+        remarks=residual_sentence(unknown).strip(),
     )
 
 

@@ -92,6 +92,10 @@ class GripperPath(InputPath):
         """Duration of the path, s."""
         return float(self.dt * (len(self.x) - 1))
 
+    def begun_at(self, elapsed: float) -> "GripperPath":
+        """The same path, which begins `elapsed` s after the beginning of the recording."""
+        return GripperPath(self.start, self.dt, self.x, self.v, self.a, self.height_motion, elapsed, self.extra)
+
     @property
     def peaks(self) -> np.ndarray:
         """(3,) largest absolute position, speed and acceleration."""

@@ -83,7 +83,7 @@ def time_spans_in_words(spans: Iterable[tuple[float, float]]) -> str:
 
 def runs_of_parts(run: Run, parts: Sequence[Mapping[str, Channel]], said: str) -> tuple[Run, ...]:
     """Make runs of parts of a run; the first one gets the reason of the cut, `said`, as a warning."""
-    began = min(float(channel.time[0]) for channel in run.channels.values())
+    began = min(float(c.time[0]) for c in run.channels.values()) if run.began is None else run.began
     return tuple(
         replace(
             run, name=f"{run.name}#{k}" if len(parts) > 1 else run.name, channels=channels, began=began,

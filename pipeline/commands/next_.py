@@ -1,6 +1,8 @@
 """The command `armdyn next`: plan an experiment that distinguishes effects between which recordings cannot decide."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,13 +28,25 @@ def next_(
             help="Effects to distinguish, separated by commas; by default those that the diagnosis cannot distinguish."
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Duration of the designed motion [s].")] = 8.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            help="Duration of the designed motion [s]; by default 8 s, for a base of your own as the last recording."
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "--out",
-            help="CSV file for the designed motion: the gripper's position on the line, or an arm's joints.",
+            help="CSV file for the designed motion: the gripper on its line, an arm's joints, or a process's inputs.",
+        ),
+    ] = None,
+    input_ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--input",
+            help="Range of a process's input in its unit: extra.pump=0:10; by default that of the last recording.",
         ),
     ] = None,
     travel: Annotated[
@@ -53,32 +67,40 @@ def next_(
     """Plan the experiment that best distinguishes effects which may be missing, or tells values that are not known."""
     from armdyn.arm.model import ArmModel
     from armdyn.experiments.gripper import motion_series
+    from armdyn.experiments.plan import USUAL_MOTION_SECONDS
     from armdyn.experiments.rivals import rivals_of_study
     from pipeline.answers_motion import next_experiment_json
     from pipeline.front import plan_experiment, user_given_gripper_limits
-    from pipeline.motion.feasible_motion import write_motion
+    from pipeline.motion.feasible_motion import write_designed
     from pipeline.report.next_experiment import next_experiment_document, next_experiment_report
 
     limits = user_given_gripper_limits(travel, speed, acceleration, swing)
-    motion_series(seconds)  # an impossible duration is refused before the fit
+    ranges = _ranges(input_ranges or ())
+    if seconds is not None:
+        motion_series(seconds)  # an impossible duration is refused before the fit
     with inputs.begin(output) as (given, say):
         if given.study.model.capability(ArmModel) is not None:
-            if limits is not None:
+            if limits is not None or ranges:
                 raise InputError(
-                    "--travel, --speed, --acceleration and --swing are of a gripper: an arm has its URDF's"
+                    "--travel, --speed, --acceleration and --swing are of a gripper, --input of a base of your own: an "
+                    "arm has its URDF's limits"
                 )
-            return _next_of_arm(inputs, given, split_names(rivals), seconds, output, seed, say)
+            lasting = USUAL_MOTION_SECONDS if seconds is None else seconds
+            return _next_of_arm(inputs, given, split_names(rivals), lasting, output, seed, say)
         verdict, sentence, found = rivals_of_study(given.study, split_names(rivals), say)
         made, offer = None, None
         if found is not None:
-            made, offer = plan_experiment(found, seconds, limits, seed, say)
+            made, offer = plan_experiment(found, seconds, limits, ranges, seed, say)
             sentence = " ".join([*([sentence] if sentence else []), made.sentence])
     written = output if offer is not None else None
     if offer is not None and output is not None:
-        write_motion(offer, output)
-    document = next_experiment_document(made, sentence, written if limits is None else None)
-    standing = made is not None and made.rivals.pivot_stands and output is not None
-    notes = [f"No gripper moves in these runs: there is no motion for {output}."] if standing else []
+        write_designed(offer, output)
+    process = made is not None and made.rivals.of_process
+    document = next_experiment_document(made, sentence, written if limits is None and not process else None)
+    notes = []
+    if made is not None and offer is None and output is not None and (process or made.rivals.pivot_stands):
+        what = "No input drives this process usefully" if process else "No gripper moves in these runs"
+        notes = [f"{what}: there is nothing to write to {output}."]
     document = replace(document, notes=[*document.notes, *notes, *(f"{text}." for text in given.set_aside)])
     finish_command(
         document,
@@ -86,7 +108,7 @@ def next_(
         inputs.json_file,
         inputs.report,
         lambda: next_experiment_report(document, made),
-        [] if written is None else [f"motion {written}"],
+        [] if written is None else [f"{'inputs' if process else 'motion'} {written}"],
     )
 
 
@@ -128,3 +150,22 @@ def _next_of_arm(
         lambda: next_motion_report(asked, found, notes),
         [] if written is None else [f"motion {written}"],
     )
+
+
+def _ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges of inputs from texts such as ``extra.pump=0:10``.
+
+    Raises:
+        InputError: a text is not of this form.
+    """
+    found = {}
+    for text in texts:
+        name, _, span = text.partition("=")
+        try:
+            low, high = map(float, span.split(":"))
+        except ValueError:
+            raise InputError(f"--input {text}: write a channel and its range, as in extra.pump=0:10") from None
+        if not (isfinite(low) and isfinite(high)):
+            raise InputError(f"--input {text}: write finite numbers, as in extra.pump=0:10")
+        found[name] = (low, high)
+    return found

@@ -13,6 +13,7 @@ from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ExperimentPla
 from armdyn.pendulum.path import GripperPath
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import csv_text
+from armdyn.run import Run
 from ik import LineTable, default_table
 from pipeline.box import Box
 from pipeline.motion.feasibility import CheckSettings, PlannedSwing, box_and_table_obstacles, check_line
@@ -65,7 +66,7 @@ def fit_motion_to_arm(
         load_mass=hypotheses[0].model.value("mass"), obstacles=box_and_table_obstacles(table.line, box)
     )
     for factor in AMPLITUDE_FACTORS:
-        scaled = GripperPath(0.0, motion.dt, *factor * motion.motion_along_line)
+        scaled = GripperPath(0.0, motion.dt, *factor * motion.motion_along_line).begun_at(float(motion.nodes[0, 0]))
         s, v, a = scaled.motion_along_line
         if np.abs(np.diff(a)).max() > limits.jerk * scaled.dt or not limits.respected_by(s, v, a):
             continue
@@ -107,10 +108,14 @@ def with_feasible_motion(plan: ExperimentPlan, load_radius: float) -> tuple[Expe
     return replace(plan, proposals=tuple(sorted((*rest, moving), key=lambda p: p.rank))), found
 
 
-def write_motion(motion: GripperPath, file: Path) -> None:
-    """Write a motion along the line to a CSV file, for the commands `check` and `trial --motion`."""
-    columns = zip(("s", "v", "a"), motion.motion_along_line, ("m", "m/s", "m/s^2"), strict=True)
-    write_text(file, csv_text({name: Channel(motion.time, values, unit) for name, values, unit in columns}))
+def write_designed(designed: GripperPath | Run, file: Path) -> None:
+    """Write a motion along the line, for `check` and `trial --motion`, or inputs of a process to a CSV file."""
+    if isinstance(designed, Run):
+        channels = dict(designed.channels)
+    else:
+        columns = zip(("s", "v", "a"), designed.motion_along_line, ("m", "m/s", "m/s^2"), strict=True)
+        channels = {name: Channel(designed.time, values, unit) for name, values, unit in columns}
+    write_text(file, csv_text(channels))
 
 
 def _swing(hypothesis: Hypothesis, motion: GripperPath, radius: float) -> PlannedSwing:

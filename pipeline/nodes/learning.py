@@ -189,15 +189,16 @@ class SacNode:
         Raises:
             TaskFailedError: the action is not a number.
         """
-        start = self._estimator.start
-        if self._begun is None or start is None or now - self._begun < 2 * DOUBLET_SECONDS - 1e-9:
+        if self._begun is None or self._estimator.start is None or now - self._begun < 2 * DOUBLET_SECONDS - 1e-9:
             return
         begun = perf_counter()
         model = self._estimator.model
         self._measurement.append_to_smoothed_path()
         rollout = model.rollout(gripper_path(self._measurement.run()), model.theta(), channels=("load_force",))
         here = self._drive.state
-        action = self._control.act(SacState(now - start, here.s, here.v, *self._load(rollout)), model)
+        action = self._control.act(
+            SacState(self._measurement.model_time(now), here.s, here.v, *self._load(rollout)), model
+        )
         if not np.isfinite(action.schedule).all():
             raise TaskFailedError(f"the action chosen at {now:.2f} s is not a number: check the model")
         self.actions.append(action)

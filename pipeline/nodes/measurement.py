@@ -115,6 +115,7 @@ class MeasurementNode:
         detector: detector of the load cell's faults.
         noise: standard deviation of the noise by channel.
         mass: mass of the load [kg].
+        clock: time of the robot at which the model's own time is 0 [s]; None for the time of `begin`.
 
     Attributes:
         hangs_until: time from which the load may touch the box [s].
@@ -137,8 +138,10 @@ class MeasurementNode:
         detector: LoadCellFaultDetector,
         noise: dict[str, float],
         mass: float,
+        clock: float | None = None,
     ) -> None:
         self._robot, self._recorder, self._detector, self._noise = robot, recorder, detector, noise
+        self._clock = clock
         self._arm, self._data = description, description.model.createData()
         self._gripper, self._height, self._force = _Series(), _Series(), _Series()
         self._pulled_at: float | None = None
@@ -288,7 +291,19 @@ class MeasurementNode:
             raise InputError("there is no run yet: begin it, let the measurement node make a step, and update its path")
         start, raw = self._path.start, self._path.raw
         x, v, a = self._path.along
-        path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height)
+        elapsed = self.model_time(start)
+        path = GripperPath(float(raw.time[0]), self.period, x, v, a, self._path.height, elapsed)
         end = self._force.first(start + float(raw.time[-1]) + self.period / 2) if self._guessed else None
         channels = {"gripper_x": raw, "load_force": self._force.since(start, "N", end)}
-        return RunInProgress("trial", channels, noise=self._noise, path=path)
+        return RunInProgress(
+            "trial",
+            channels,
+            noise=self._noise,
+            path=path,
+            began=None if self._clock is None else float(raw.time[0]) - elapsed,
+        )
+
+    def model_time(self, now: float) -> float:
+        """The model's own time at the time `now` of the robot [s], for effects that change with time."""
+        start = self._path.start if self._path is not None else now
+        return now - (start if self._clock is None else self._clock)

@@ -239,19 +239,20 @@ class SwingPlanningNode:
         cost = self.settings.settling_cost(model.value("length"), model.rest_angle())
         self._request = _Request(lambda at: self._task(model, cost, state(at)))
 
-    def request_swing(self, model: PendulumModel, begun: float | None, announce: Callable[[float], None]) -> None:
+    def request_swing(
+        self, model: PendulumModel, model_time: Callable[[float], float], announce: Callable[[float], None]
+    ) -> None:
         """Request the swing into the box, from rest.
 
         Args:
             model: model with the present estimate.
-            begun: time at which the model's own time is 0 [s]; None for the begin of the swing.
+            model_time: function from the time at which the swing begins [s] to the model's own time [s].
             announce: function that is called at the begin of the swing with the time from which the load may touch the
                 box [s].
         """
 
         def task(at: float) -> _Task:
-            elapsed = 0.0 if begun is None else at - begun
-            start = SwingState(self._drive.state.s, angle=model.rest_angle(), time=elapsed)
+            start = SwingState(self._drive.state.s, angle=model.rest_angle(), time=model_time(at))
             return self._task(model, self.settings.swing_cost(self._limits), start, finish=True)
 
         self._request = _Request(task, announce)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import urdf
 from armdyn.errors import InputError
+from armdyn.pendulum.physics import STANDARD_GRAVITY
 from pipeline.robot.hidden import HiddenEffectStage, hidden_effect_terms, pivot_coulomb_friction
 from pipeline.robot.own_law import LoadState
 from pipeline.robot.protocol import Vector
@@ -139,13 +140,20 @@ class LoadForces:
         added = self._on_load or self._at_pivot or self._at_place or self._own
         self._active = bool(added or plant.hidden["string_elasticity"])
         self._reversal = plant.model.opt.timestep / (plant.mass * plant.settings.length**2)
+        self._hand = 0.0
+
+    def hold(self, *, held: bool) -> None:
+        """Whether a hand brakes the load, as strongly as it settles soonest: 2 m sqrt(g / l) [N s/m]."""
+        plant = self._plant
+        critical = 2.0 * plant.mass * math.sqrt(STANDARD_GRAVITY / plant.settings.length)
+        self._hand, plant.pull_on_load[:] = critical if held else 0.0, self._wind
 
     def apply(self) -> None:
         """Set the external force on the load in MuJoCo for the present state."""
-        if not self._active:
+        if not (self._active or self._hand):
             return
         pivot, load = self._plant.velocities()
-        force = self._wind + sum(term(load) for term in self._on_load)
+        force = self._wind - self._hand * load + sum(term(load) for term in self._on_load)
         if self._at_place:
             line = self._plant.line
             along = float((self._plant.load - line.origin) @ line.direction)

@@ -119,6 +119,12 @@ class SimulatedRobot:
         while self.time < self._until - TIME_STEP / 2:
             self._step()
 
+    def steady_load(self, seconds: float) -> None:
+        """Let a hand steady the load for some seconds, while the arm holds its posture."""
+        self._load_forces.hold(held=True)
+        self.advance(seconds)
+        self._load_forces.hold(held=False)
+
     def joint_state(self) -> JointState:
         """Measured joint positions, velocities and motor torques; calls at the same time return the same reading."""
         if self._reading is None or self._reading.time != self.time:

@@ -136,7 +136,7 @@ class Experiment:
             )
         noise = {"load_force": settings.force_noise}
         self.measurement = MeasurementNode(
-            robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass
+            robot, description, recorder, LoadCellFaultDetector(rig.cell), noise, settings.mass, settings.clock
         )
         self._worker = ProcessWorker() if rig.real else BackgroundWorker()
         self.estimator = EstimatorNode(self.measurement, Estimator(model, noise), recorder, self._worker)
@@ -215,7 +215,9 @@ class Experiment:
         if c.estimate:
             self._learn()
             self._settle()
-        self.task.request_swing(self.estimator.model, self.estimator.start, self.measurement.mark_possible_touch_from)
+        self.task.request_swing(
+            self.estimator.model, self.measurement.model_time, self.measurement.mark_possible_touch_from
+        )
         self._run(Phase.SWING, 0.7, self.task.max_planning_seconds + c.task.duration + 1.0, self._swing_ends)
         self.measurement.let_down(self._robot.time)
         self._run(Phase.FINISH, 0.9, 3.0, lambda: self.task.idle)
@@ -324,7 +326,7 @@ class Experiment:
         # With a gripper lag the string's upper end follows the gripper late, and has another speed.
         lag = model.gripper_lag(model.physics_theta())
         hung_at, at_speed = (here.s - lag * speed, speed) if lag else (here.s, here.v)
-        return SwingState(hung_at, at_speed, angle, rate, at - begun)
+        return SwingState(hung_at, at_speed, angle, rate, self.measurement.model_time(at))
 
     def _check(
         self, trajectory: LineTrajectory, plan: SwingPlan, model: PendulumModel, at: Vector

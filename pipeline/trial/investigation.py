@@ -14,16 +14,29 @@ import numpy as np
 import urdf
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.errors import InputError
+from armdyn.experiments.detection import DetectionLimit, hidden_effects, rivals_hidden_in
 from armdyn.experiments.limits import GripperLimits
-from armdyn.experiments.plan import MIN_RIGHT_VERDICT_PROBABILITY, ProposedExperiment, designed_motion
-from armdyn.experiments.rivals import Rivals, rivals_of_diagnosis, rivals_of_first_effect, rivals_refitted_to
+from armdyn.experiments.plan import (
+    MIN_RIGHT_VERDICT_PROBABILITY,
+    USUAL_MOTION_SECONDS,
+    ProposedExperiment,
+    best_without_designed_motion,
+    designed_motion,
+)
+from armdyn.experiments.rivals import (
+    NO_EFFECT_NAME,
+    Rivals,
+    rivals_of_diagnosis,
+    rivals_of_first_effect,
+    rivals_refitted_to,
+)
 from armdyn.experiments.separation import TIE_CHI2, hypothesis_probabilities
-from armdyn.identify.diagnose import Diagnosis, diagnose
+from armdyn.identify.diagnose import Diagnosis, diagnose, diagnosis_naming
 from armdyn.identify.repair import fitted_model
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.studies import make_study
 from armdyn.identify.study import Study
-from armdyn.pendulum.model import PendulumModel
+from armdyn.pendulum.model import PendulumModel, pendulum_model
 from armdyn.run import Run
 from ik import LineTable
 from pipeline.motion import LineTrajectory
@@ -32,8 +45,6 @@ from pipeline.trial.ending import TrialEnding
 from pipeline.trial.experiment import REST_BEFORE_MOTION_SECONDS, Experiment, Phase
 from pipeline.trial.settings import ProtocolSettings
 
-DESIGNED_MOTION_SECONDS = 8.0
-"""Duration of a designed motion [s]."""
 DESIGNED_MOTION_LIMITS = GripperLimits(swing=0.5)
 """Limits of a designed motion: a load with a larger swing angle also begins to swing across the line (on the simulated
 arm by 0.1 rad in 8 s at 1 rad, by 0.05 rad at 0.6 rad), which no motion along the line can damp."""
@@ -92,6 +103,7 @@ class InvestigationStage:
         gap: increase of χ² from the best to the second-best effect; None for a single effect.
         close: effects that explain the recordings nearly as well as those that the diagnosis names; see
             `rivals.contested`.
+        limits: detection limits of the effects whose typical size the recordings may hide; empty where one is missing.
     """
 
     run: Run
@@ -100,6 +112,7 @@ class InvestigationStage:
     belief: dict[str, float] = field(default_factory=dict)
     gap: float | None = None
     close: tuple[str, ...] = ()
+    limits: tuple[DetectionLimit, ...] = ()
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -128,6 +141,8 @@ class Investigation:
         ending: how an experiment that was stopped early ended; None if none was.
         place: position of the gripper at the end [m].
         signal: number of the operating system's signal that ended the investigation; None for no signal.
+        remedy: experiment by hand that would tell the remaining effects apart; None where none is needed or known.
+        clock: time of the robot at which the first experiment's motion began, from which effects count time [s].
     """
 
     stages: tuple[InvestigationStage, ...]
@@ -136,6 +151,8 @@ class Investigation:
     ending: TrialEnding | None = None
     place: float = 0.0
     signal: int | None = None
+    remedy: ProposedExperiment | None = None
+    clock: float | None = None
 
     @property
     def sentence(self) -> str:
@@ -143,7 +160,13 @@ class Investigation:
         count = len(self.stages)
         what = ", ".join(self.stages[-1].candidates) if self.stages else ""
         made = f"after {count} experiment{'s' if count != 1 else ''}"
-        return f"{made} {self.stop.value}" + (f": {what}" if what else "")
+        limits = self.stages[-1].limits if self.stages else ()
+        hidden = sorted((limit for limit in limits if np.isfinite(limit.size)), key=str)
+        small = f"; too small to show would be {', '.join(map(str, hidden))}" if hidden else ""
+        said = f"{made} {self.stop.value}" + (f": {what}" if what else small)
+        if self.remedy is None:
+            return said
+        return f"{said}; to tell: {self.remedy.experiment.what} (right with {self.remedy.expected.probability:.0%})"
 
 
 def investigate(
@@ -173,11 +196,19 @@ def investigate(
     motion: LineTrajectory | None = None
     proposal: ProposedExperiment | None = None
     place = 0.0
+    clock: float | None = None
+    learnt: float | None = None
     while True:
         number = len(stages) + 1
-        now = replace(settings, estimate=True, motion=motion, load_at_rest_at_start=number == 1)
+        now = replace(settings, estimate=True, motion=motion, load_at_rest_at_start=number == 1, clock=clock)
+        if learnt is not None:  # a designed motion is larger than those from which a poor guess converges
+            given = settings.model or pendulum_model(settings.length_guess, settings.mass)
+            known = given.with_prior("length", learnt, settings.max_length_std_for_swing)
+            now = replace(now, model=known, length_guess=learnt)
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
+        clock = experiment.estimator.start if clock is None else clock
+        learnt = experiment.estimator.model.value("length")
         if ending.stopped:
             return Investigation(
                 tuple(stages), InvestigationEndReason.INTERRUPTED, None, ending, place, experiment.interrupted
@@ -192,25 +223,41 @@ def investigate(
         if rivals is None and found.verdict is Verdict.EFFECT_MISSING:
             rivals = rivals_of_first_effect(study, found, designed=proposal is not None)
             close = () if rivals is None else tuple(name for names in _names(rivals, study) for name in names)
+        asked_now = _refitted(study, list(questions))
+        if asked_now is not None and _decide(found, rivals, asked_now, study):
+            found, rivals = _named_by_rivals(study, found, asked_now)
+            close = () if rivals is None else tuple(name for names in _names(rivals, study) for name in names)
+        hidden = hidden_effects(study) if found.verdict is Verdict.EXPLAINED else {}
+        if hidden and number == 1:  # a motion that was not made to show them says little
+            rivals = rivals_hidden_in(study, hidden)
         if rivals is not None:
             questions.update(dict.fromkeys(_names(rivals, study)))
-        belief, gap = _believed(study, list(questions))
-        stages.append(InvestigationStage(run, proposal, found, belief, gap, close))
+        belief, gap = _believed(_refitted(study, list(questions)))
+        stages.append(InvestigationStage(run, proposal, found, belief, gap, close, tuple(hidden.values())))
         stop = _stop(found, rivals, gap)
         if stop is None and number >= settings.investigate:
-            stop = InvestigationEndReason.SPENT
+            stop = InvestigationEndReason.EXPLAINED if hidden else InvestigationEndReason.SPENT
         if stop is None and rivals is not None:
             say("designing the next motion")
-            proposal = designed_motion(rivals, DESIGNED_MOTION_SECONDS, DESIGNED_MOTION_LIMITS, seed=number)
+            last = experiment.drive.last_command_time or 0.0
+            elapsed = experiment.measurement.model_time(last) + REST_BEFORE_MOTION_SECONDS
+            proposal = designed_motion(
+                rivals, USUAL_MOTION_SECONDS, DESIGNED_MOTION_LIMITS, seed=number, elapsed=elapsed
+            )
             assert proposal.experiment.motion is not None, "it was designed"
             made = fit_motion_to_arm(proposal.experiment.motion, rivals.hypotheses, arm, table, settings.load_radius)
             if made is None or not _promising(proposal):
-                stop = InvestigationEndReason.INSEPARABLE
+                stop = InvestigationEndReason.EXPLAINED if hidden else InvestigationEndReason.INSEPARABLE
             else:
                 motion = made.trajectory
         if stop is not None:
             better = fitted_model(study, found.search) if stop in ENDS_WITH_BETTER_MODEL else None
-            return Investigation(tuple(stages), stop, cast("PendulumModel | None", better), None, place)
+            remedy = None
+            if rivals is not None and stop in (InvestigationEndReason.INSEPARABLE, InvestigationEndReason.SPENT):
+                remedy = best_without_designed_motion(rivals, USUAL_MOTION_SECONDS, DESIGNED_MOTION_LIMITS)
+            return Investigation(
+                tuple(stages), stop, cast("PendulumModel | None", better), place=place, remedy=remedy, clock=clock
+            )
 
 
 S = TypeVar("S", bound=ProtocolSettings)
@@ -218,7 +265,7 @@ S = TypeVar("S", bound=ProtocolSettings)
 
 def settings_after_investigation(settings: S, found: Investigation) -> S:
     """Settings of the trial after an investigation: the given settings, with the model that was found."""
-    settings = replace(settings, load_at_rest_at_start=False)
+    settings = replace(settings, load_at_rest_at_start=False, clock=found.clock)
     if found.model is None:
         return settings
     length = found.model.parameters["length"]
@@ -254,13 +301,14 @@ def investigated_model(settings: ProtocolSettings) -> PendulumModel:
 
 
 def _stop(found: Diagnosis, rivals: Rivals | None, gap: float | None) -> InvestigationEndReason | None:
-    if found.verdict is Verdict.EXPLAINED:
-        return InvestigationEndReason.EXPLAINED
     if rivals is not None:
         return None
+    if found.verdict is Verdict.EXPLAINED:
+        return InvestigationEndReason.EXPLAINED
     # A rival that has won is kept, even where the arm adds more residual than the load cell's noise.
     won = gap is not None and gap > TIE_CHI2
     nothing = found.verdict in (Verdict.UNKNOWN_EFFECT, Verdict.LOST)
+    won = won and len(found.search.steps) > 1
     return InvestigationEndReason.UNKNOWN if nothing and not won else InvestigationEndReason.NAMED
 
 
@@ -281,10 +329,45 @@ def _names(rivals: Rivals, study: Study) -> list[tuple[str, ...]]:
     return [tuple(e.name for e in h.model.effects if e.name in lacking) for h in rivals.hypotheses]
 
 
-def _believed(study: Study, questions: Sequence[tuple[str, ...]]) -> tuple[dict[str, float], float | None]:
+def _refitted(study: Study, questions: Sequence[tuple[str, ...]]) -> Rivals | None:
+    """All rivals that were in question, fitted to all experiments; None for fewer than two."""
+    return rivals_refitted_to(study, questions) if len(questions) > 1 else None
+
+
+def _believed(rivals: Rivals | None) -> tuple[dict[str, float], float | None]:
     """Probability of each rival after all experiments so far, and the chi2 gap from the best to the second best."""
-    if len(questions) < 2:
+    if rivals is None:
         return {}, None
-    rivals = rivals_refitted_to(study, questions)
     shares = hypothesis_probabilities(rivals.hypotheses)
     return {h.name: float(b) for h, b in zip(rivals.hypotheses, shares, strict=True)}, rivals.hypotheses[1].misfit
+
+
+def _decide(found: Diagnosis, tied: Rivals | None, asked: Rivals, study: Study) -> bool:
+    """Whether the rivals that were in question decide, by their fits to all experiments, against a diagnosis.
+
+    Its evidence has process noise, which excuses what adds up over many swings: where one rival has won, it is the
+    answer instead of another one. Where "nothing" was a rival, something is missing if it is excluded.
+    """
+    names = _names(asked, study)
+    if found.verdict in (Verdict.EXPLAINED, Verdict.UNKNOWN_EFFECT):
+        needed = 2.0 * (study.settings.search.acceptance_nats + float(np.log(len(study.candidates))))
+        return tied is None and any(h.name == NO_EFFECT_NAME and h.misfit > needed for h in asked.hypotheses)
+    given, last = found.search.steps[0].effects, found.search.last.effects
+    mine = tuple(dict.fromkeys(c.effect for c in last if c not in given))
+    return asked.hypotheses[1].misfit > TIE_CHI2 and mine in names[1:]
+
+
+def _named_by_rivals(study: Study, found: Diagnosis, rivals: Rivals) -> tuple[Diagnosis, Rivals | None]:
+    """The diagnosis that names the best rival, and the rivals that are still tied with it, None without one.
+
+    Where more than noise is left, it must explain what each of its values must explain in any search.
+    """
+    best, *_ = _names(rivals, study)
+    named = diagnosis_naming(study, found, best)
+    if found.verdict is not Verdict.EXPLAINED:
+        given, last = named.search.steps
+        values = int(last.fit.free.sum() - given.fit.free.sum())
+        if study.squared_error(last.fit) > study.settings.search.needed_share(values) * study.squared_error(given.fit):
+            return found, None
+    tied = tuple(h for h in rivals.hypotheses if h.misfit <= TIE_CHI2)
+    return named, replace(rivals, hypotheses=tied) if len(tied) > 1 else None

@@ -53,6 +53,8 @@ class ProtocolSettings:
         motion: motion along the line for the estimate, one sample per cycle; None for a motion that SAC chooses.
         load_at_rest_at_start: whether the load is at rest at the start; after other swings it may still sway.
         investigate: largest number of experiments that identify the model's missing effects first; 0 for none.
+        clock: time of the robot at which the model's own time is 0 [s], for effects that change with time; None for the
+            start of the motion.
     """
 
     length_guess: float = 0.328
@@ -68,6 +70,7 @@ class ProtocolSettings:
     motion: LineTrajectory | None = None
     load_at_rest_at_start: bool = True
     investigate: int = 0
+    clock: float | None = None
 
     def __post_init__(self) -> None:
         _check_length("length guess", self.length_guess)

@@ -16,6 +16,9 @@ from pipeline.trial.rig import TrialRig
 from pipeline.trial.settings import TrialSettings
 
 SimulatedTrial = Trial[SimulatedRobot]
+STEADYING_SECONDS = 5.0
+"""Time for which the simulated operator steadies the load between two experiments [s]; without one, a swing across the
+line would grow from experiment to experiment, and a real trial would not go on."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,9 @@ class _SimulationHooks:
     def ending_judged_by_operator(self, ending: TrialEnding) -> TrialEnding:
         return ending
 
-    def wait_until_calm(self) -> None: ...
+    def wait_until_calm(self) -> None:
+        self.simulation.steady_load(STEADYING_SECONDS)
+        self.simulation.load_cell()  # the next experiment reads no old samples
 
     def announce_phase(self, what: str) -> None: ...
 

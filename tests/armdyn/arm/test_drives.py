@@ -15,7 +15,7 @@ from armdyn.arm.model import ArmModel
 from armdyn.checked_study import CheckedStudy, effects_zero_in_simulation
 from armdyn.effects.catalogue import find
 from armdyn.errors import InputError
-from armdyn.experiments.rivals import require_pendulum
+from armdyn.experiments.rivals import require_plannable
 from armdyn.parameter import Parameter
 from armdyn.recording.channels import Channel
 from armdyn.run import Run
@@ -180,7 +180,7 @@ def test_a_gain_that_nothing_tells_leaves_ratios_to_it_and_says_what_to_record(t
     assert answer["gain"]["unit"] == "N m/rad"
     assert answer["determined"] is False
     with complains(InputError):
-        require_pendulum(study.study)
+        require_plannable(study.study)
 
 
 def test_a_load_that_nobody_wrote_down_is_counted_in_what_is_told_of_a_gain(arm):

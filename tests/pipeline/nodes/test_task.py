@@ -48,7 +48,7 @@ def node(monkeypatch):
     beside, model = Slow(), pendulum_model(0.37, 0.08)
     made = SwingPlanningNode(model, drive, None, None, lambda: np.zeros(7), TaskSettings(cautious=False), beside)
     monkeypatch.setattr(made, "_task", lambda *_, **__: "task")
-    made.request_swing(model, None, lambda _time: None)
+    made.request_swing(model, lambda _time: 0.0, lambda _time: None)
     return SimpleNamespace(node=made, beside=beside, drive=drive, time=0.0)
 
 
