@@ -108,8 +108,16 @@ def _pair_or(
     each = [c for (c,) in alone]
     foretold = {c: study.foretold_costs((*study.present, c), [o for o in each if o is not c]) for c in each}
     pairs = sorted(combinations(each, 2), key=lambda pair: min(foretold[a][b] for a, b in (pair, pair[::-1])))
-    sets = compared([*alone[:FORETOLD_SETS_FITTED], *pairs[:FORETOLD_SETS_FITTED]], _left)
-    best = min(sets, key=lambda one: _left(study, one) / study.settings.search.needed_share(len(one)))
+    nothing = scorer.evaluate(()).score
+    gains = {c: scorer.evaluate((c,)).score - nothing for c in each}
+    near = study.settings.search.missing_evidence_share * max(gains.values(), default=0.0)
+
+    def left(study: StateSpaceStudy, one: Effects) -> float:
+        """Residual of a set; an effect alone whose evidence is far from the best is not searched from other starts."""
+        return _left_quickly(study, one) if len(one) == 1 and gains[one[0]] < near else _left(study, one)
+
+    sets = compared([*alone[:FORETOLD_SETS_FITTED], *pairs[:FORETOLD_SETS_FITTED]], left)
+    best = min(sets, key=lambda one: left(study, one) / study.settings.search.needed_share(len(one)))
     if not gross:
         share = study.settings.search.pair_residual_ratio
         share *= study.settings.search.needed_share(max(len(best) - len(whole), 0))

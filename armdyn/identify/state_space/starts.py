@@ -5,6 +5,7 @@ minima there, and they lie near the minimum of the whole recording.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,7 +53,11 @@ def likeliest_start_values(problem: Problem, training: int, wanted: np.ndarray, 
         first_seconds(run, START_SEARCH_SWING_PERIODS * model.oscillation_period(run, problem.theta(i, values)))
         for i, run in enumerate(problem.runs[:training])
     ]
-    cut = Problem(model.with_only_effects(needed), runs, problem.noise, problem.settings)
+    # Contacts that need shorter steps than the equations do not matter for a start value.
+    quick = model.with_only_effects(needed)
+    if model.following.refinement > 1:
+        quick = replace(quick, following=replace(model.following, refinement=1))
+    cut = Problem(quick, runs, problem.noise, problem.settings)
     free = transfer_mask(wanted, problem, cut)
     ends = list[tuple[float, np.ndarray]]()
     for tried in _spread(problem, guessed, values):

@@ -103,6 +103,31 @@ def test_a_set_gives_way_to_a_pair_beside_which_its_further_value_explains_littl
 
 
 @pytest.mark.usefixtures("all_are_there")
+def test_starts_are_searched_for_effects_whose_evidence_is_near_the_best(monkeypatch):
+    searched = []
+
+    def fitted(_runs, effects):
+        searched.append(set(effects))
+        return Fitted(effects)
+
+    monkeypatch.setattr(Runs, "fit_base_with_effects", fitted)
+    monkeypatch.setattr(Runs, "model", Plain(guessed_parameters=("mass",)))
+    left = {
+        (): (50.0, 50.0),
+        (LOAD, BIAS): (10.0, 10.0),
+        (LOAD,): (12.0, 12.0),
+        (DRY,): (14.0, 14.0),
+        (DRAG,): (13.0, 13.0),
+    }
+    runs = Runs(left, {**EVIDENCE, DRAG: 20.0, BIAS: 0.0})
+    runs.squared_error = lambda fit: float(runs.excess(fit).sum())
+    whole_runs.improve_effect_set_by_run_errors(runs, runs, runs.evaluate((LOAD, BIAS)), lambda _: None)
+    assert {LOAD} in searched
+    assert {DRY} in searched
+    assert {DRAG} not in searched
+
+
+@pytest.mark.usefixtures("all_are_there")
 def test_what_makes_held_out_runs_worse_goes():
     left = {(): (50.0, 50.0), (LOAD, BIAS): (0.05, 0.09), (LOAD,): (0.06, 0.0), (BIAS,): (40.0, 40.0)}
     assert chosen(left, {**EVIDENCE, BIAS: 20.0}, LOAD, BIAS) == {LOAD}
