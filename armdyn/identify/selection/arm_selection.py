@@ -161,20 +161,20 @@ def _with_bodies_looked_at_anew(found: LinearPath, say: ProgressCallback) -> Lin
     A load's place multiplies its mass, and a link that is changed much hides a load with the same influence, so sums at
     the fit with a body promise little of what replaces it: the best replacements are fitted.
     """
-    bodies = _bodies(found)
+    bodies, margin = _bodies(found), found.study.settings.search.acceptance_nats
     rivals = [c for c in bodies if any(other.joints == c.joints and other is not c for other in bodies)]
     for body in bodies:
         for simpler in (c for c in rivals if c.joints == body.joints and len(c.names) < len(body.names)):
             if body in found.chosen_set.effects:
                 others = [c for c in found.chosen_set.effects if c not in (body, simpler)]
                 other = found.with_effects([*others, simpler]).relinearised()
-                found = best_path([found, other], found.study.settings.search.acceptance_nats)
+                found = best_path([found, other], margin)
         if body not in found.chosen_set.effects or body in found.scorer.given:
             continue
         without = found.with_effects([c for c in found.chosen_set.effects if c is not body]).relinearised()
         larger = larger_sets(without.scorer, without.chosen_set, SCORED_CHANGES_PER_KIND)
         promising = [one for one in larger if body not in one.effects][:FITTED_REPLACEMENTS]
-        best = best_path([found, *(without.with_set(one) for one in promising)])
+        best = best_path([found, *(without.with_set(one) for one in promising)], margin)
         if best is not found:
             found = _to_fixed_point(best, say)
         elif body in rivals:
