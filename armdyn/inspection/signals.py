@@ -366,7 +366,7 @@ def unconfirmed_mappings(run: Run) -> Iterator[Check]:
         first, made_of = next(iter(columns.items()))
         others = len(columns) - 1
         lines = f"{len(columns)} lines" if others else "line"
-        answered = "take its 'check' away in the mapping"
+        answered = "import with --confirm"
         if run.source is not None:
             answered = f"take its {lines} away below [asked] in {run.source.with_suffix('.toml')}"
         yield Check(

@@ -46,6 +46,9 @@ class ImportOptions:
     mapping: Annotated[
         Path | None, typer.Option("--map", help="TOML file that says which column is which channel.")
     ] = None
+    confirm: Annotated[
+        bool, typer.Option("--confirm", help="With --map: every guess in it is right, whatever its 'check' asks.")
+    ] = False
     guess: Annotated[
         bool,
         typer.Option("--guess", help="Propose such a file from names, units and ranges; nothing is imported."),
@@ -72,6 +75,8 @@ class ImportOptions:
     force: Annotated[bool, typer.Option("--force", help="Overwrite runs that exist.")] = False
 
     def __post_init__(self) -> None:
+        if self.confirm and self.mapping is None:
+            raise InputError("--confirm takes the guesses of a mapping as right: give the mapping with --map")
         if self.mapping is not None and self.guess:
             raise InputError("--map gives a mapping and --guess proposes one: choose one of them")
         if self.mapping is not None and self.drive:
@@ -131,6 +136,8 @@ def _import(
     from pipeline.report.inspection import inspection_document
 
     mappings = read_map(wanted.mapping) if wanted.mapping is not None else None
+    if mappings is not None and wanted.confirm:
+        mappings = {name: each.confirmed for name, each in mappings.items()}
     found = runs_from_recordings(recordings, mappings, _joints(choice), wanted.drives, commands, wanted.rate_text)
     looked = inspect_runs([each.run for each in found], arm_model(choice.urdf_file, choice.robot) if choice else None)
     checks = sorted_by_severity([*(c for each in found for c in each.checks), *looked.checks])

@@ -24,7 +24,7 @@ Where the columns of one file belong to several runs, ``[runs.NAME]`` contains t
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -153,6 +153,13 @@ class ColumnMap:
         of_columns = {e.channel: f"'{name}': {e.check}" for name, e in self.entries.items() if e.check}
         own = ({"time": f"'{self.time}': {self.check}"} if self.check else {}) | of_columns
         return own if self.commands is None else self.commands.asked | own
+
+    @property
+    def confirmed(self) -> "ColumnMap":
+        """The mapping without open questions: every guess is taken as right."""
+        entries = {name: replace(entry, check="") for name, entry in self.entries.items()}
+        commands = None if self.commands is None else self.commands.confirmed
+        return replace(self, entries=entries, check="", commands=commands)
 
 
 def read_map(path: Path) -> Mapping[str, ColumnMap]:

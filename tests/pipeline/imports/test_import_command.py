@@ -75,6 +75,8 @@ def test_what_nobody_answered_is_asked_until_somebody_has(armdyn, table, tmp_pat
     (check,) = json.loads(Path("j.json").read_text())["recording_checks"]
     assert (check["kind"], check["severity"]) == ("unanswered_check", "suspect")
     assert "[asked] in runs/log.toml" in check["remedy"]
+    assert armdyn(*again, "--confirm")[0] == 0
+    assert read_run("runs/log.csv").asked == {}
     mapping.write_text(re.sub(r", check = .*? }", " }", mapping.read_text()))
     assert armdyn(*again)[0] == 0
     assert read_run("runs/log.csv").asked == {}
