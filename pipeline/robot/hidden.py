@@ -2,7 +2,8 @@
 
 They share no code with the models that are tested against the simulation; the only exception are laws of a user's file
 (`own_law`). Effects that change the MuJoCo model or the control of the robot have no function here: `scene`, `plant`,
-`devices` and `simulated` read their values, which are zero for an absent effect.
+`devices` and `simulated` read their values, which are zero for an absent effect. Of the pendulum's catalogue only
+effects of an angle sensor (`angle_*`) are left out: a trial has none.
 """
 
 import math
@@ -100,11 +101,15 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = MappingProxyType({
         "1", 0.03, "The gripper moves further along the line than the encoders say, by this share.", -0.5, 0.5),
     "gripper_bob": HiddenEffect(
         "1/m", 0.5, "The gripper rises by this times the square of its way from the line's middle.", -5.0, 5.0),
+    "gripper_compliance": HiddenEffect(
+        "m/N", 5e-3, "The string's upper end gives way along the line, by this times the string's pull along it.",
+        0.0, 0.02),
     "path_tilt": HiddenEffect(
         "rad", 0.01, "The robot stands tilted: gravity has a component along the line, towards + for > 0.", -0.5, 0.5),
     "string_elasticity": HiddenEffect(
         "m/N", 2e-3, "The string stretches in proportion to its tension (replaces the nearly rigid one).", 1e-4, 0.05),
     "string_creep": HiddenEffect("m/s", 5e-5, "The string grows longer at a constant rate.", -0.01, 0.01),
+    "string_mass": HiddenEffect("kg", 5e-3, "The string is a uniform rod of this mass.", 0.0, 1.0),
     "wind": HiddenEffect("N", 5e-3, "A constant horizontal force on the load, along the line.", -1.0, 1.0),
     "load_inertia": HiddenEffect(
         "kg m^2", 2e-4, "The load turns with the string and has this moment of inertia about its centre.", 0.0, 0.1),

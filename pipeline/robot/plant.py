@@ -95,6 +95,29 @@ class LoadString:
         return self.pull(data) + self.damping(data)
 
 
+class HeavyString:
+    """The weight and inertia of a string with mass that pull on its upper end: M (g - a) . e along the string, e.
+
+    a is the acceleration of its centre, from the velocities of two steps.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant, self._mass = plant, plant.hidden["string_mass"]
+        self._body = plant.model.body("bar").id if self._mass else -1
+        self._before: Vector | None = None
+
+    def pull(self) -> float:
+        """Part of the pull on the string's upper end that the string itself exerts [N]; called once per step."""
+        if not self._mass:
+            return 0.0
+        plant, velocity = self._plant, np.zeros(6)
+        mujoco.mj_objectVelocity(plant.model, plant.data, mujoco.mjtObj.mjOBJ_BODY, self._body, velocity, 0)
+        before, self._before = self._before, velocity[3:]
+        acceleration = np.zeros(3) if before is None else (velocity[3:] - before) / plant.model.opt.timestep
+        along = plant.load - plant.pivot
+        return float(self._mass * (plant.model.opt.gravity - acceleration) @ along / np.linalg.norm(along))
+
+
 class GripperShift:
     """Moves the string's upper end away from where the encoders say it is: by a wrong scale along the line, or an arc.
 
@@ -243,6 +266,9 @@ def place_at_rest(plant: Plant, string: LoadString, shift: GripperShift, q: Vect
     model, data, settings, along = plant.model, plant.data, plant.settings, plant.line.direction
     data.qpos[plant.dofs] = q
     mujoco.mj_kinematics(model, data)
+    if plant.hidden["gripper_compliance"]:
+        giving = model.joint("giving")
+        model.jnt_axis[giving.id] = data.xmat[model.jnt_bodyid[giving.id]].reshape(3, 3).T @ along
     shift.apply()
     mujoco.mj_kinematics(model, data)
     pivot = plant.pivot.copy()

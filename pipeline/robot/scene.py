@@ -22,8 +22,43 @@ STRING_SOLIMP = (0.5, 0.5, 1e-4, 0.5, 2.0)
 CONTACT_SOLREF = (0.005, 1.0)
 
 
+GIVING_MASS, GIVING_DAMPING_RATIO = 5e-3, 0.5
+"""Mass [kg] and damping ratio of the part of a compliant gripper that carries the string's upper end."""
+
+
+def add_string_end(tool: mujoco.MjsBody, offset: Vector, compliance: float) -> tuple[mujoco.MjsBody, Vector]:
+    """Add the string's upper end, the site ``pivot``: fixed to the gripper, or on a spring along its line.
+
+    Args:
+        tool: body of the gripper.
+        offset: position of the string's upper end in the frame of `tool` (3,) [m].
+        compliance: displacement along the line per force [m/N]; `place_at_rest` sets the direction.
+
+    Returns:
+        The body from which the string hangs, and the string's upper end in its frame (3,) [m].
+    """
+    if compliance > 0:
+        tool = tool.add_body(
+            name="giving", pos=offset, mass=GIVING_MASS, inertia=np.full(3, 1e-9), explicitinertial=True
+        )
+        tool.ipos = np.zeros(3)
+        spring = tool.add_joint(name="giving", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+        spring.stiffness = np.array([1.0 / compliance, 0.0, 0.0])[: np.size(spring.stiffness)]
+        damping = 2.0 * GIVING_DAMPING_RATIO * np.sqrt(GIVING_MASS / compliance)
+        spring.damping = np.array([damping, 0.0, 0.0])[: np.size(spring.damping)]
+        offset = np.zeros(3)
+    tool.add_site(name="pivot", pos=offset)
+    return tool, offset
+
+
 def add_load(
-    spec: mujoco.MjSpec, tool: mujoco.MjsBody, offset: Vector, settings: PlantSettings, mass: float, inertia: float
+    spec: mujoco.MjSpec,
+    tool: mujoco.MjsBody,
+    offset: Vector,
+    settings: PlantSettings,
+    mass: float,
+    inertia: float,
+    string_mass: float = 0.0,
 ) -> None:
     """Add the load, a sphere.
 
@@ -34,12 +69,16 @@ def add_load(
         settings: settings with the string's length and the load's radius.
         mass: mass of the load [kg].
         inertia: moment of inertia about its centre with which the load turns together with the string [kg m^2]; the
-            load then slides on a massless bar. Zero for a free sphere that does not turn with the string.
+            load then slides on a bar. Zero for a free sphere that does not turn with the string.
+        string_mass: mass of the string, which is then that bar [kg]; zero for a massless string.
     """
     below = float(settings.length)
-    if inertia > 0:
-        bar = tool.add_body(name="bar", pos=offset, mass=1e-9, inertia=[inertia, inertia, 1e-9], explicitinertial=True)
-        bar.ipos = np.zeros(3)
+    if inertia > 0 or string_mass > 0:
+        across = inertia + string_mass * below**2 / 12.0
+        bar = tool.add_body(
+            name="bar", pos=offset, mass=max(string_mass, 1e-9), inertia=[across, across, 1e-9], explicitinertial=True
+        )
+        bar.ipos = np.array([0.0, 0.0, below / 2.0 if string_mass > 0 else 0.0])
         bar.add_joint(name="turn", type=mujoco.mjtJoint.mjJNT_BALL)
         load = bar.add_body(name="load", pos=[0.0, 0.0, below])
         load.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
@@ -135,7 +174,6 @@ def build_scene(
     tool = spec.body(robot.tool_frame)
     if tool is None:
         raise InputError(f"robot '{robot.name}': its URDF has no link '{robot.tool_frame}' to hang the string from")
-    tool.add_site(name="pivot", pos=robot.tool_offset)
     link_scale = link_scale * (1.0 + hidden["link_inertia"])
     if hidden["payload"] > 0:
         # The compiler joins the payload to the last link, whose mass is scaled afterwards.
@@ -147,7 +185,8 @@ def build_scene(
             explicitinertial=True,
         )
     _add_motors(spec, robot, settings, hidden["gripper_lag"])
-    add_load(spec, tool, robot.tool_offset, settings, mass, hidden["load_inertia"])
+    end, place = add_string_end(tool, robot.tool_offset, hidden["gripper_compliance"])
+    add_load(spec, end, place, settings, mass, hidden["load_inertia"], hidden["string_mass"])
     add_string(spec, settings.length)
     if settings.box is not None:
         add_box(spec, line, settings.box)

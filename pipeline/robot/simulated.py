@@ -11,7 +11,15 @@ from armdyn.errors import InputError, TaskFailedError
 from pipeline.motion.gate import JointCommandCheck
 from pipeline.robot.devices import CommandedMotion, SimulatedCell, SimulatedJointSensors, SimulatedServo
 from pipeline.robot.hidden import resolve_hidden
-from pipeline.robot.plant import GripperShift, HiddenJointEffects, LoadForces, LoadString, Plant, place_at_rest
+from pipeline.robot.plant import (
+    GripperShift,
+    HeavyString,
+    HiddenJointEffects,
+    LoadForces,
+    LoadString,
+    Plant,
+    place_at_rest,
+)
 from pipeline.robot.protocol import ForceSample, JointState, Vector
 from pipeline.robot.scene import TIME_STEP
 from pipeline.robot.settings import PlantSettings, checked_start_posture
@@ -66,7 +74,7 @@ class SimulatedRobot:
         self._load_forces, self._joint_effects = LoadForces(plant, self._string), HiddenJointEffects(plant)
         self._data.qpos[plant.dofs] = q
         self._joint_effects.apply()
-        self._shift = GripperShift(plant)
+        self._shift, self._heavy = GripperShift(plant), HeavyString(plant)
         rest_torque = place_at_rest(plant, self._string, self._shift, q)
         servo, lead = settings.servo, self._hidden["gripper_lag"]
         self._reference = CommandedMotion(
@@ -167,7 +175,7 @@ class SimulatedRobot:
                 f"the simulation diverged at {self.time:.3f} s: a hidden effect or a gain is too large for 1 ms steps"
             )
         # Positions and tension still belong to the beginning of the step.
-        tension = self._string.tension(data)
+        tension = self._string.tension(data) + self._heavy.pull()
         angle = swing_angle(plant.load - plant.pivot, plant.line.direction) if self._cell.depends_on_direction else 0.0
         self._cell.apply_tension(self._steps, tension, angle)
         self._steps_in_box = self._steps_in_box + 1 if self._load_is_inside() else 0

@@ -9,6 +9,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 from simulated_truth import load_truth
 
+from armdyn.effects.catalogue import CATALOGUE
+from armdyn.pendulum.composition import PENDULUM_STAGES
+from pipeline.robot.hidden import HIDDEN_EFFECTS
 from pipeline.robot.settings import CellSettings, PlantSettings
 
 G, LENGTH, MASS = 9.81, 0.368, 0.08
@@ -36,6 +39,7 @@ PENDULUMS = {
         lambda r: lambda t, p, w: free(t, p, w) - r * (G * np.cos(p) + LENGTH * w**2) / LENGTH**2 * np.tanh(w / 1e-3),
     ),
     "load_inertia": (2e-4, lambda j: lambda t, p, w: free(t, p, w) / (1.0 + j / (MASS * LENGTH**2))),
+    "string_mass": (0.02, lambda s: lambda t, p, w: free(t, p, w) * (MASS + s / 2.0) / (MASS + s / 3.0)),
     "wind": (0.05, lambda f: lambda t, p, w: free(t, p, w) - f * np.cos(p) / (MASS * LENGTH)),
     "string_creep": (5e-4, lambda c: lambda t, p, w: -(G * np.sin(p) + 2.0 * c * w) / (LENGTH + c * t)),
 }
@@ -79,6 +83,34 @@ def test_load_with_inertia_pulls_as_its_slower_swing_demands(still_pendulum):
         load = load_truth(plant)
         expected = MASS * (G * np.cos(load.swing_angle) + LENGTH * load.swing_rate**2)
         assert load.tension == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_string_with_mass_pulls_with_its_weight_and_what_turns_it(still_pendulum):
+    """At the upper end: m (g cos + l w^2) of the load, M (g cos + l w^2 / 2) of the string."""
+    mass = 0.02
+    plant = still_pendulum(0.5, {"string_mass": mass})
+    plant.advance(2.0)
+    seen, line = plant.history(), plant._plant.line
+    string = (seen.load - seen.pivot) @ line.axes
+    angle = np.arctan2(-string[:, 0], -string[:, 2])
+    cos, square = np.cos(angle), LENGTH * np.gradient(angle, seen.time) ** 2
+    expected = MASS * (G * cos + square) + mass * (G * cos + square / 2.0)
+    np.testing.assert_allclose(seen.tension[5:-5], expected[5:-5], atol=3e-3)
+
+
+def test_a_compliant_gripper_gives_way_in_proportion_to_the_pull_along_its_line(still_pendulum):
+    compliance = 5e-3
+    plant = still_pendulum(0.5, {"gripper_compliance": compliance})
+    seen, line = [], plant._plant.line
+    for _ in range(300):
+        plant.advance(0.01)
+        load = load_truth(plant)
+        at = float((plant._plant.pivot - line.origin) @ line.direction)
+        seen.append((at, -load.tension * np.sin(load.swing_angle)))
+    (along, pull) = np.array(seen[50:]).T
+    slope, home = np.polyfit(pull, along, 1)
+    assert slope == pytest.approx(compliance, rel=0.03)
+    assert np.abs(along - home - slope * pull).max() < 0.1 * compliance * np.abs(pull).max()
 
 
 def test_elastic_string_swings_as_a_mass_on_a_spring(still_pendulum, watch):
@@ -231,3 +263,8 @@ def test_what_is_drawn_stays_within_its_spread_and_what_is_given_is_not_drawn(pl
     assert 0.004 < np.std([t.mass / 0.08 for t in truths]) < 0.02
     truth = plant(settings=PlantSettings(), cell=CellSettings(latency=0.007, bias=-0.02), seed=9).truth
     assert (truth.latency, truth.bias) == (0.007, -0.02)
+
+
+def test_every_effect_of_a_pendulum_can_be_hidden_but_those_of_an_angle_sensor_which_a_trial_lacks():
+    of_pendulum = {name for name, effect in CATALOGUE.items() if effect.acts_on in PENDULUM_STAGES}
+    assert {name for name in of_pendulum - set(HIDDEN_EFFECTS) if not name.startswith("angle_")} == set()
