@@ -32,6 +32,7 @@ from armdyn.inspection.inspect import inspect_runs, require_usable
 from armdyn.inspection.plausible import require_plausible, with_fitted_values
 from armdyn.model import Model
 from armdyn.model_file import ModelFile, read_model_file
+from armdyn.recording.channels import DriveReading
 from armdyn.recording.checks import check_run
 from armdyn.run import Run, read_run
 from armdyn.threads import one_thread
@@ -281,7 +282,23 @@ class CheckedStudy:
                 if n in model.names
             }
             after = replace(after, parameters={**after.parameters, **values})
-        return unless_lost(replace(found, model=model, after=self._moving(after, model)))
+        moved = replace(found, model=model, after=self._moving(after, model))
+        judged = unless_lost(moved)
+        if judged.verdict is not Verdict.LOST or found.verdict is Verdict.LOST or not self._torques_are_measured:
+            return judged
+        # Measured torques are what the effects were chosen by; a simulation under their noise proves nothing of them.
+        said = f"values are those of the torques: {judged.sentence.removeprefix('lost: ').partition('. ')[0]}"
+        kept = replace(moved.after, parameters=found.after.parameters, left_out=(*moved.after.left_out, said))
+        return replace(found, after=kept)
+
+    @property
+    def _torques_are_measured(self) -> bool:
+        """Whether a recording contains a torque that was not estimated from what a drive was told."""
+        return any(
+            name.startswith("tau.") and not isinstance(channel, DriveReading)
+            for run in self.study.runs
+            for name, channel in run.recording.channels.items()
+        )
 
     @one_thread
     def _moving(self, found: Comparison, model: Model) -> Comparison:

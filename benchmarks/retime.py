@@ -76,15 +76,20 @@ def broken(arm: Arm, motion: JointTrajectory, jerk: bool) -> list[str]:
             "mean acceleration": np.abs(np.diff(motion.v, axis=0)) / h / limits.acceleration,
             "jerk": np.abs(np.diff(motion.a, axis=0)) / h / limits.jerk,
         }
-    # Velocity and acceleration must be those of the positions.
+    # Velocity and acceleration must be those of the positions; a jump d of an acceleration within h s lets the
+    # mean velocity differ by up to d h / 8 from that of its ends.
     middle = (motion.v[1:] + motion.v[:-1]) / 2 - np.diff(motion.q, axis=0) / h
-    used["columns"] = np.abs(middle) / limits.velocity * 20.0
+    jumps = np.abs(np.diff(motion.a, axis=0)) * h / 8
+    used["columns"] = np.maximum(np.abs(middle) - jumps, 0.0) / limits.velocity * 20.0
     return [name for name, share in used.items() if share.max() > 1.001]
 
 
-def ends_of(path: JointPath, limits: Limits, rng: np.random.Generator) -> EndVelocities:
-    """Velocities along a path at both ends."""
-    ways = [path.spline(s, 1) for s in (0.0, path.length)]
+def ends_of(velocity: Array, limits: Limits, rng: np.random.Generator) -> EndVelocities:
+    """Velocities at both ends of a part of a motion, whose own ones (n, joints) have their directions.
+
+    The direction of a spline without a bend at its ends would be another, and bend it within one interval.
+    """
+    ways = velocity[0], velocity[-1]
     return EndVelocities(*(rng.uniform(*SPEED) * way / (np.abs(way) / limits.velocity).max() for way in ways))
 
 
@@ -118,14 +123,14 @@ def examine(name: str, count: int) -> dict[str, Any]:
     drawn, moving = 0, np.random.default_rng([ROBOTS.index(name), 1])
     while drawn < count:
         arm = Arm(robot, robot.limits.effort * rng.uniform(*FRICTION, len(robot.joint_names)))
-        q, _, _ = plant.Path.drawn(rng, robot, (0.1, 0.5), SECONDS).at(np.linspace(0.0, SECONDS, POINTS))
+        q, v, _ = plant.Path.drawn(rng, robot, (0.1, 0.5), SECONDS).at(np.linspace(0.0, SECONDS, POINTS))
         path = JointPath(q, robot.limits.velocity)
         best = optimum(arm, path)
         if not np.isfinite(best):
             continue
         drawn += 1
         inner = q[MIDDLE]
-        ends = ends_of(JointPath(inner, robot.limits.velocity), robot.limits, moving)
+        ends = ends_of(v[MIDDLE], robot.limits, moving)
         quick = optimum(arm, JointPath(inner, robot.limits.velocity, ends))
         for key in KINDS:
             points, of, least = (inner, ends, quick) if "moving" in key else (q, AT_REST, best)

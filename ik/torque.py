@@ -1,8 +1,9 @@
 r"""Joint torques of an arm: for a motion of its joints, and for a motion of its tool along a path.
 
-Inverse dynamics with two terms that Pinocchio's RNEA does not contain, the viscous damping d and the robot's springs:
+Inverse dynamics with terms that Pinocchio's RNEA does not contain, the viscous damping d, the dry friction f that the
+description states, and the robot's springs:
 
-    \tau = M a + C v + g + d v + \tau_spring.
+    \tau = M a + C v + g + d v + f sign(v) + \tau_spring.
 
 Along a path, with v = q_s \dot s and a = q_s \ddot s + q_ss \dot s^2, it is linear in the path's acceleration:
 
@@ -49,9 +50,19 @@ class JointTorque:
         self._springs = [spring for spring in robot.springs if (spring.enabled if springs is None else springs)]
 
     def __call__(self, q: Array, v: Array, a: Array) -> Array:
-        """Motor torques (k, n) [N m] at joint positions q [rad], velocities v [rad/s] and accelerations a [rad/s^2]."""
+        """Motor torques (k, n) [N m] at joint positions q [rad], velocities v [rad/s] and accelerations a [rad/s^2].
+
+        A joint that stands has no dry friction in them.
+        """
         tau = inverse_dynamics(self._model, q, v, a) + np.asarray(self._robot.model.damping) * v
-        return tau + self._robot.spring_torque(q, self._springs)
+        rising, falling = self._dry_friction
+        dry = np.where(v > 0.0, rising, np.where(v < 0.0, falling, 0.0))
+        return tau + dry + self._robot.spring_torque(q, self._springs)
+
+    @property
+    def _dry_friction(self) -> tuple[Array, Array]:
+        """Dry friction of each joint while its position rises and falls, (n,) each [N m or N]."""
+        return np.asarray(self._model.upperDryFrictionLimit), np.asarray(self._model.lowerDryFrictionLimit)
 
     def path_torque_terms(self, q: Array, dq_ds: Array, d2q_ds2: Array) -> "PathTorque":
         """Terms of the torque for a motion along a path.
@@ -61,8 +72,7 @@ class JointTorque:
             dq_ds: first derivatives of q with respect to s, (k, n) [rad/m].
             d2q_ds2: second derivatives of q with respect to s, (k, n) [rad/m^2].
         """
-        model, still = self._model, np.zeros_like(q)
-        rising, falling = (np.asarray(limit) for limit in (model.upperDryFrictionLimit, model.lowerDryFrictionLimit))
+        model, still, (rising, falling) = self._model, np.zeros_like(q), self._dry_friction
         gravity = inverse_dynamics(model, q, still, still)
         return PathTorque(
             inertial=inverse_dynamics(model, q, still, dq_ds) - gravity,

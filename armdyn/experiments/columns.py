@@ -118,7 +118,7 @@ class TorqueRegressor:
         return self._columns(self._states(motion, time))
 
     def described_torque(self, motion: AxisMotion) -> np.ndarray:
-        """(n, nj) motor torques of the arm as described, N m or N, with damping, rotors and springs."""
+        """(n, nj) motor torques of the arm as described, N m or N, with damping, friction, rotors and springs."""
         return self._torque(self._states(motion))
 
     def _states(self, motion: AxisMotion, time: np.ndarray | None = None) -> MotionSamples:
@@ -135,6 +135,7 @@ class TorqueRegressor:
         robot, motion = self.arm.robot, states.motion
         springs = robot.spring_torque(motion.q, [spring for spring in robot.springs if spring.enabled])
         drives = np.asarray(robot.model.damping) * motion.v + np.asarray(robot.model.armature) * motion.a
+        drives = drives + np.asarray(robot.model.upperDryFrictionLimit) * motion.direction
         return states.described + drives + springs
 
     def with_gradient(

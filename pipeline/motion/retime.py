@@ -42,7 +42,7 @@ MIN_SQUARED_SPEED = 1e-6
 SERVO_ROUNDS, LEAST_SLOWER = 20, 1.03
 """Most rounds in which a motion is made slower until servos, simulated in closed loop, ask for no more than their
 limits, and by which factor at least."""
-PATH_JERK_SHARE = 0.5
+PATH_JERK_SHARE = 0.7
 """Share of the jerk limit that the bends of a path use at constant speed."""
 CLOCK_STEPS, CLOCK_MARGIN = 40, 1e-3
 """Most steps to the clock that removes the last excess, and by how much each is slower than the step before needs;

@@ -240,6 +240,20 @@ def test_a_mass_is_as_uncertain_as_the_gain_of_the_sensor(gains, torques, sensor
         assert width.max() < 5.0 * found.after.channels[channel].rmse
 
 
+def test_a_repair_by_measured_torques_is_not_lost_for_a_simulation_under_their_noise():
+    """A stiff controller follows its commands, and light wrists fly away under torques with a noise of 0.3 N m."""
+    runs = [recorded(TOOL, 80 + k, seconds=10.0, rate=50.0, torques=True) for k in range(2)]
+    told = [{f"q_cmd.{name[2:]}": c for name, c in run.channels.items() if name.startswith("q.")} for run in runs]
+    kept = [{name: c for name, c in run.channels.items() if not name.endswith(SENSOR)} for run in runs]
+    runs = [replace(run, channels={**own, **more}) for run, own, more in zip(runs, kept, told, strict=True)]
+    model = replace(sensed_model(), sensors={})
+    found = CheckedStudy.of(model, runs[:1], runs[1:]).repair()
+    assert found.verdict is not Verdict.LOST
+    assert "payload" in {effect.name for effect in found.model.named_effects}
+    assert found.model.value(f"payload.mass[{model.joints[-1]}]") == pytest.approx(TOOL.mass, abs=0.1)
+    assert any("runs away" in text for text in found.after.left_out)
+
+
 def test_a_sound_sensor_lacks_nothing(tmp_path):
     tool = replace(drawn(0), faults={})
     (tmp_path / "arm.urdf").write_text(description(tool), encoding="utf-8")

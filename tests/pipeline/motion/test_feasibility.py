@@ -20,6 +20,7 @@ from pipeline.motion.feasibility import (
     check_line,
 )
 from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
+from urdf.find import distribution_file
 
 from .lines import DT, sine
 
@@ -174,6 +175,19 @@ def test_damping_and_springs_count(robot):
     assert spring[0, 1] == pytest.approx(8.0 * np.sin(q[0, 1]) + 35.0 * np.cos(q[0, 1]))
     assert np.count_nonzero(spring) == 1
     assert JointTorque(sprung)(q, none, none) == pytest.approx(still)
+
+
+def test_dry_friction_of_the_description_counts_against_the_motion():
+    """As MuJoCo's frictionloss; what a joint needs to move is more by it in either direction, and at rest it is not."""
+    described = urdf.load(distribution_file("example-robot-data", "z1_description/urdf/z1.urdf"), meshes=False)
+    friction = np.asarray(described.model.upperDryFrictionLimit)
+    assert friction.min() > 0.5
+    q, v = np.full((1, len(friction)), 0.3), np.linspace(-0.2, 0.2, len(friction))[None]
+    bare = replace(described, model=pin.Model(described.model))
+    bare.model.upperDryFrictionLimit = bare.model.lowerDryFrictionLimit = np.zeros(len(friction))
+    for moving in (v, 0.0 * v):
+        more = JointTorque(described)(q, moving, 0.0 * v) - JointTorque(bare)(q, moving, 0.0 * v)
+        np.testing.assert_allclose(more, friction * np.sign(moving))
 
 
 @pytest.mark.parametrize("mass", [-1.0, float("nan")])
