@@ -129,14 +129,15 @@ class ArmModel(Model):
         )
 
     def assumed_gains(self, freed: Collection[str]) -> Sequence[AssumedGain]:
-        """The gain that all axes of a force/torque sensor share; see `Model.assumed_gains`.
+        """The gains that all axes of a force/torque sensor share, and its torques; see `Model.assumed_gains`.
 
         A sensor whose calibration is not stated counts as exact until its axes are found to be wrong.
         """
         own = self.parameter_names_by_joint(SENSOR_GAIN_EFFECT)
         found = [
-            AssumedGain(sensor.channels, self._gain_std(name, freed), own.get(name, ()))
+            AssumedGain(channels, self._gain_std(name, freed), own.get(name, ()))
             for name, sensor in self.sensors.items()
+            for channels in (sensor.channels, sensor.channels[len("xyz") :])
         ]
         return [gain for gain in found if gain.std > 0.0]
 
