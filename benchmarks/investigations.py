@@ -31,6 +31,7 @@ HIDDEN = {
     "sensor_lag": 0.02, "gripper_lag": 0.03, "string_elasticity": 5e-3, "cross_axis_sensitivity": 0.05,
     "load_inertia": 1e-3, "sensor_gain": 0.05, "sensor_drift": 2e-3, "sensor_nonlinearity": 0.1,
     "vertical_sensing_axis": 1.0, "string_creep": 5e-4, "gripper_scale": 0.05, "gripper_bob": 1.0,
+    "gripper_compliance": 0.015, "string_mass": 0.02,
 }  # fmt: skip
 """Values in SI units, of a usual size: all that the plant can hide, but for bias and delay, which every trial fits, and
 for wind and a tilted line, which no motion tells apart."""
