@@ -207,12 +207,12 @@ def investigate(
             now = replace(now, model=known, length_guess=learnt)
         experiment, ending = swing(now, number, place)
         place = experiment.drive.state.s
-        clock = experiment.estimator.start if clock is None else clock
-        learnt = experiment.estimator.model.value("length")
         if ending.stopped:
             return Investigation(
                 tuple(stages), InvestigationEndReason.INTERRUPTED, None, ending, place, experiment.interrupted
             )
+        clock = experiment.estimator.start if clock is None else clock
+        learnt = experiment.estimator.model.value("length")
         run = experiment.recording(f"experiment {number}")
         say(f"thinking over {number} experiment{'s' if number > 1 else ''}")
         asked = {name for names in questions for name in names}
