@@ -19,6 +19,7 @@ OF_EXAM = [
     "exam_rmse",
     "coverage",
     "covered",
+    "does_not_hold_in",
     "rollout",
     "recording_checks",
     "left_out",
