@@ -217,7 +217,13 @@ class _Search:
         return next((found for found in tries if found is not None), None)
 
     def judge(self, origin: Array, home: Array, core_speed: float) -> LineCandidate | None:
-        """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed."""
+        """Speed, margin and score of a line for a requested speed on its core; None where it cannot be followed.
+
+        Args:
+            origin: (3,) start of the line, m.
+            home: (nj,) posture near which the arm follows it, rad.
+            core_speed: speed on the line's middle part, m/s.
+        """
         line = self.line(origin, core_speed)
         planner = BranchPlanner(replace(self.robot, home=home), line, self.collisions)
         try:

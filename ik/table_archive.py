@@ -165,8 +165,8 @@ def check_robot(arrays: Mapping[str, Array], path: Path, robot: Robot) -> None:
     """
     for name, values in {"tool_offset": robot.tool_offset, **vars(robot.limits)}.items():
         if not np.array_equal(arrays[name], values):
-            raise InputError(f"'{name}' differs from that of '{robot.name}'")
+            raise InputError(f"its '{name}' is not that of robot '{robot.name}'")
     position = np.array([robot.tool_pose(q).translation for q in arrays["q"]])
     away = float(np.max(np.linalg.norm(position - path.pose(arrays["s"])[1].T, axis=1)))
     if away > TOOL_TO_PATH_TOLERANCE:
-        raise InputError(f"its postures put the tool {away:.3g} m away from the path")
+        raise InputError(f"the tool is {away:.3g} m away from the path at its postures")

@@ -233,7 +233,14 @@ def _per_gravity(reduced: Reduction, carried: Sequence[int], bodies: RigidBodyCh
 def add_derivatives_by_bodies(
     total: TorqueWithDerivatives, reduced: Reduction, carried: Sequence[int], bodies: RigidBodyChanges
 ) -> None:
-    """Add the derivatives of `torque_of_bodies` by the parameters of links and of the base."""
+    """Add the derivatives of `torque_of_bodies` by the parameters of links and of the base.
+
+    Args:
+        total: torques of a joint with derivatives; they are changed in place.
+        reduced: rigid-body torques of this joint at the compared times.
+        carried: indices of the links that the joint carries.
+        bodies: changes of links and of gravity, with their derivatives.
+    """
     for i in carried:
         total.by(i)[:] += reduced.link(i) @ bodies.derivatives[i]
         if bodies.gravity is not None and bodies.gravity.any():

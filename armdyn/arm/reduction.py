@@ -287,7 +287,12 @@ class DelayedInputs:
         return np.asarray(self._between @ at_stamps)
 
     def inputs(self, joint: int, columns: tuple[RecordedColumn, ...] = ()) -> np.ndarray:
-        """(15 + c, n) inputs of a joint's functions at the earlier times, with c recorded quantities."""
+        """(15 + c, n) inputs of the functions of a joint's effects, at times earlier by the delay of the torque.
+
+        Args:
+            joint: number of the joint.
+            columns: c recorded quantities, which follow the 15 of the joint's motion.
+        """
         found = self.signal(self._stretch.inputs(joint, columns).T).T
         found[DIRECTION_INPUT_INDEX] = self._motion.direction(joint, self._time)
         return found

@@ -157,7 +157,7 @@ class GravityTorques:
 
     @cached_property
     def described(self) -> np.ndarray:
-        """(nj, n, 3) torques for the links as the model describes them."""
+        """(nj, n, 3) torques, by each component of gravity, for the links as the model describes them."""
         inertias = list(self._model.inertias)[1:]
         return self.of_bodies({i: inertia.mass * np.append(1.0, inertia.lever) for i, inertia in enumerate(inertias)})
 

@@ -150,7 +150,7 @@ def information_objective(
     if criterion is Criterion.FLOOR:
         raise InputError("the floor is for the length alone: choose determinant, inverse or direction")
     if (criterion is Criterion.DIRECTION) != bool(direction) or (direction and len(direction) != len(wanted)):
-        raise InputError("the criterion of a direction needs one weight for each parameter that is wanted")
+        raise InputError("the criterion 'direction' needs one weight for each parameter of interest")
     return MotionObjective(tuple(wanted), tuple(nuisance), criterion, tuple(float(d) for d in direction))
 
 

@@ -163,7 +163,10 @@ class TermParameter:
     typical: float = 0.0
 
     def scaled(self, scale: float) -> "TermParameter":
-        """A copy divided by `scale`, for a joint of an arm that multiplies declared values by this factor."""
+        """A copy whose start value, bounds and typical size are divided by `scale`.
+
+        A joint of an arm multiplies declared values by this factor, so that they are as declared again.
+        """
         scaled = ("start_value", "prior_std", "lower", "upper", "typical")
         declared = {name: getattr(self, name) / scale for name in scaled}
         return replace(self, **declared, scale=scale)

@@ -8,7 +8,7 @@ from armdyn.estimation.solve import solve_bounded
 
 
 class Expansion(Protocol):
-    """An expansion of a cost of p unknowns."""
+    """Cost of p unknowns, expanded to second order about a point: its value, gradient and Hessian there."""
 
     @property
     def cost(self) -> float:

@@ -265,7 +265,9 @@ class Moment:
             raise ValueError(f"rate('{state}') is asked for twice: keep its result in a variable")
         states = {name: self._values[name] for name in self._states}
         if any(ca.is_equal(ca.SX(value), other, 2) for other in states.values()):
-            raise ValueError(f"rate('{state}') is just another state, which no effect changes: return it as it is")
+            raise ValueError(
+                f"rate('{state}') is itself a state, which no effect changes: use that state in place of the call"
+            )
         given = {**states, **{channel: signal.value for channel, signal in self._inputs.items()}}
         changed = self.stage(RATE_STAGE, Rate(state, value, self.time, given), state).value
         self.changed_rates[state] = changed
@@ -348,7 +350,7 @@ def physics(
     ):
         raise InputError(
             f"physics '{name}': its period is {period!r} s and its step {step!r} s: write a period from "
-            f"{MIN_DECLARED_PERIOD_SECONDS:g} to {MAX_DECLARED_PERIOD_SECONDS:g} s, and a step that is no longer"
+            f"{MIN_DECLARED_PERIOD_SECONDS:g} to {MAX_DECLARED_PERIOD_SECONDS:g} s, and a step of at most the period"
         )
     names = [p.name for p in (*parameters, *states)]
     if twice := {n for n in names if names.count(n) > 1 or "." in n}:

@@ -182,7 +182,7 @@ class ContactDetector:
         return self._maybe_load is not None
 
     def without_load(self, time: float) -> list[WatchEvent]:
-        """The event that what is out of sight, and is not a load, is gone."""
+        """The event that a contact, which could not be observed for a while and is no load, has ended at `time`, s."""
         past, self._maybe_load = self._maybe_load, None
         return [] if past is None else self._ended(past, time)
 

@@ -85,7 +85,7 @@ class AdaptiveErrorStd:
         self._squares = np.ones(joints)
 
     def std(self, at: ErrorSize) -> FloatArray:
-        """(nj,) standard deviations, N m or N."""
+        """(nj,) standard deviations of the joints' torque errors, N m or N, where errors have the size `at`."""
         return np.asarray(np.sqrt(np.where(at.near, at.variance, np.maximum(1.0, self._squares) * at.variance)))
 
     def update(self, excess: FloatArray, at: ErrorSize, interval: float) -> None:

@@ -128,7 +128,7 @@ class WatchedChanges:
 
     @property
     def shared_parameters(self) -> int:
-        """S: number of parameters of the shared changes."""
+        """S: number of parameters of the changes that act on several joints at once, such as a load."""
         return sum(len(change.columns) for change in self.shared)
 
     @property

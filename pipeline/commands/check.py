@@ -114,7 +114,7 @@ def check(
         line = arm.line_or_none
         if (on_line or box) and line is None:
             option = "--on-line" if on_line else "--box"
-            raise InputError(f"{option}: robot '{arm.name}' has no line")
+            raise InputError(f"{option}: robot '{arm.name}' has no line in its settings: choose a robot that has one")
         motion: JointTrajectory | LineTrajectory
         if retime is None:
             motion = read_trajectory(trajectory, arm)

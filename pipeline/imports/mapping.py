@@ -174,7 +174,9 @@ def read_map(path: Path) -> Mapping[str, ColumnMap]:
     table = read_toml(path)
     runs = table.pop("runs", {"": {}})
     if not isinstance(runs, dict) or not runs or not all(isinstance(own, dict) for own in runs.values()):
-        raise InputError(f"{path}: runs: write what is a run's own into tables such as [runs.morning.columns]")
+        raise InputError(
+            f"{path}: runs: write what belongs to one run into a table with its name, such as [runs.morning.columns]"
+        )
     problems: list[str] = []
     found = {}
     for name, own in runs.items():

@@ -34,8 +34,8 @@ def table_one_report(table: TableOne) -> Document:
         sections=[_success_section(table), _estimates_section(table)],
         subtitle=f"{table.seeds} seeds per guess",
         key_figures=(
-            KeyFigure("With estimation", with_estimation, "of trials succeed"),
-            KeyFigure("Without", without, "of trials succeed"),
+            KeyFigure("Length estimated", with_estimation, "of trials succeed"),
+            KeyFigure("Length not estimated", without, "of trials succeed"),
             KeyFigure("Mean estimate", f"{estimates.mean():.4f} m", f"true length {table.true_length:.4f} m"),
             KeyFigure("Spread", number_text(float(estimates.std()), "m", 2), spread),
             KeyFigure("Seeds", str(table.seeds), "per guess"),

@@ -79,7 +79,9 @@ class WritableFileCheck:
         if not over:
             raise InputError(f"{file} is there already: choose another name, or tick 'write over'")
         if not target.is_file() or self._written.get(target) != _digest(target):
-            raise InputError(f"{file} is not as a page of this workbench left it: choose another name")
+            raise InputError(
+                f"{file} exists and was not written by this page or was changed since, so it stays: choose another name"
+            )
         allow_overwrite(target)
 
     def register(self, file: Path) -> None:

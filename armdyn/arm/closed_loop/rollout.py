@@ -133,7 +133,7 @@ class SimulatedWindow:
     v: np.ndarray
 
     def links_at(self, model: ArmModel, theta: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(n, nj) positions of the links at (n,) increasing times, s."""
+        """(n, nj) simulated joint positions, rad or m, behind the plays of the gears, at (n,) increasing times, s."""
         q, way = self._at(time, self.q), np.array(plays(model, theta))
         return q - way * self.sides_at(model, theta, time) if np.any(way > 0.0) else q
 

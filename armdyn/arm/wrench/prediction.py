@@ -111,7 +111,7 @@ class WrenchPredictor:
         return found[0], own, by_bodies
 
     def values(self, reading: WrenchReading, theta: np.ndarray, bodies: RigidBodyChanges) -> np.ndarray:
-        """(n,) samples, those of `predict`."""
+        """(n,) predicted samples of one force or torque, N or N m, with the parameters theta; without derivatives."""
         reduced = self._delayed(reading.readout.delay(theta) if reading.readout.delays else 0.0)
         return self._read(reading, theta, [torque_of_bodies(r, list(bodies.links), bodies) for r in reduced])[0]
 

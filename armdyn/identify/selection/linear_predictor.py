@@ -234,9 +234,10 @@ class LinearPredictor(EffectSetScorer):
 
     @cached_property
     def searched_effects(self) -> tuple[Candidate, ...]:
-        """Candidates, without those of every set and without sums of others, as asymmetric friction is of two effects.
+        """Candidates that a search tries: not those that every set has, and not those that are sums of two others.
 
-        Either would be as good, and a search that adds one effect at a time would end with whichever came first.
+        Asymmetric friction, for example, is the sum of friction and an offset: a search that adds one effect at a time
+        could not choose between the sum and its parts.
         """
         searched = (c for c in self.candidates if c.effect not in self._uncertain)
         return tuple(c for c in searched if c in self.given or not self._is_sum(c))

@@ -332,7 +332,7 @@ def _cost(problem: Problem, values: np.ndarray) -> float:
 
 
 def fit_run(single: Problem, values: np.ndarray, free: np.ndarray) -> Fit:
-    """Fit a single simulated run, with start values from its measured motion.
+    """Fit the simulation of a single run, whose start values follow from the measured motion.
 
     Args:
         single: problem of one run.

@@ -147,7 +147,7 @@ class StateSpaceScorer(EffectSetScorer):
             if not moved:
                 return now
             looked = True
-            say("searching places beside what was found")
+            say("searching thresholds beside the effects that were found")
             refused = {one for one in refused if moved.isdisjoint(one)}
             now = self.optimise(now.effects)
 
