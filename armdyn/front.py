@@ -17,6 +17,7 @@ from armdyn.identify import repair as repairs
 from armdyn.identify.compare import Comparison
 from armdyn.identify.diagnose import Diagnosis
 from armdyn.identify.repair import Repair, require_fit
+from armdyn.identify.sentence import Verdict
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
@@ -27,20 +28,23 @@ from armdyn.run import Channel, Run, read_run
 load = read_model
 
 
-def save(model: Model, path: str | Path, *, force: bool = False) -> None:
+def save(model: Model | Repair, path: str | Path, *, force: bool = False) -> None:
     """Write a model to a file, which `load` and every command read.
 
     Args:
-        model: the model.
+        model: the model; or a repair, whose model is written with its errors, which a check of motions needs.
         path: file to write, in TOML.
         force: replace an existing file.
 
     Raises:
-        InputError: the file exists, or cannot be written.
+        InputError: the file exists, or cannot be written; the fit of the repair is lost.
     """
     if Path(path).exists() and not force:
         raise InputError(f"{path} exists: choose another file, or replace it with force=True")
-    write_model_file(path, ModelFile(model, {}))
+    if isinstance(model, Repair) and model.verdict is Verdict.LOST:
+        raise InputError("the fit of this repair is lost: there is no repaired model to write")
+    file = ModelFile(model.model, {}, model.history) if isinstance(model, Repair) else ModelFile(model, {})
+    write_model_file(path, file)
 
 
 def predict(model: AnyModel, run: Run | str | Path) -> Run:

@@ -273,7 +273,9 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
     """
     path = Path(path)
     if path.is_dir():  # also ".", which has no suffix to change
-        raise InputError(f"{path} is a directory: give the recording's file")
+        raise InputError(
+            f"{path} is a directory: give a file; for a bag or a data set type 'armdyn import {path} --output runs'"
+        )
     warnings: tuple[str, ...] = ()
     sidecar_path = path.with_suffix(".toml")
     if path.suffix.lower() == ".mcap":

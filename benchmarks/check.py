@@ -28,7 +28,6 @@ import numpy as np
 from armdyn.arm.model import arm_model
 from armdyn.checked_study import CheckedStudy
 from armdyn.model_file import ModelFile, read_model_file, write_model_file
-from pipeline.answers import history_entries
 from pipeline.motion.feasibility import CheckSettings, check_joints
 from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.trajectory import JointTrajectory
@@ -54,7 +53,7 @@ def repaired(seed: int, folder: Path) -> tuple[Any, ModelledArm]:
     study = CheckedStudy.of(given, training, [held_out])
     found = study.repair()
     file = folder / f"{seed}.toml"
-    history = tuple(history_entries(study.study, found))
+    history = found.history
     write_model_file(file, ModelFile(found.model, given.file_entries(folder), history))
     return arm, ModelledArm.of_file(read_model_file(file))
 

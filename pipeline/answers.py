@@ -87,31 +87,6 @@ def recording_checks_json(checks: Sequence[Check]) -> list[dict[str, Any]]:
     return [attributes_as_json(check, names) for check in checks]
 
 
-def history_entries(study: Study, found: Repair) -> list[dict[str, Any]]:
-    """Entries for the history of a model file, one for each step of a repair.
-
-    The entry `contribution` has, for each channel, the root mean square of what the step's effects change in the
-    prediction of the repaired model.
-    """
-    names = {"runs": [run.name for run in study.runs], "held_out": [run.name for run in study.held_out]}
-    if study.exam:
-        names["exam"] = [run.name for run in study.exam]
-    return [
-        {
-            "added": _joined(step.added),
-            "joints": list(step.joints) or None,
-            **names,
-            "rmse": json_value(step.rmse),
-            "held_out_rmse": json_value(step.held_out_rmse) or None,
-            "exam_rmse": json_value(step.exam_rmse) or None,
-            **attributes_as_json(step, "chi2_per_sample bic"),
-            "contribution": json_value(found.steps[-1].fit.contribution(step.added)),
-            "as_given_rmse": json_value(found.path[0].rmse) if k == 0 else None,
-        }
-        for k, step in enumerate(found.path[1:])
-    ]
-
-
 def link_inertia_json(link: Any) -> dict[str, Any]:
     """JSON of an `armdyn.arm.links.LinkInertiaChange`: identified and URDF mass, centre and inertia of a link."""
     quantities = {q.name: attributes_as_json(q, "unit urdf=described value std determined") for q in link.quantities}

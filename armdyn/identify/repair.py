@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -111,6 +111,31 @@ class Repair(Displayable):
                 "missing_force": lambda: missing_force_columns(self.missing_force),
             },
             curves=partial(prediction_curves, fits),
+        )
+
+    @property
+    def history(self) -> tuple[dict[str, Any], ...]:
+        """Entries for the history of a model file, one for each step: what was added, the runs, the errors after it.
+
+        The entry `contribution` has, for each channel, the root mean square of what the step's effects change in the
+        prediction of the repaired model.
+        """
+        roles = {"runs": self.study.runs, "held_out": self.study.held_out, "exam": self.study.exam}
+        names = {role: [run.name for run in runs] for role, runs in roles.items() if runs or role != "exam"}
+        return tuple(
+            {
+                "added": " + ".join(step.added) or None,
+                "joints": list(step.joints) or None,
+                **names,
+                "rmse": dict(step.rmse),
+                "held_out_rmse": dict(step.held_out_rmse) or None,
+                "exam_rmse": dict(step.exam_rmse) or None,
+                "chi2_per_sample": step.chi2_per_sample,
+                "bic": step.bic,
+                "contribution": dict(self.steps[-1].fit.contribution(step.added)),
+                "as_given_rmse": dict(self.path[0].rmse) if k == 0 else None,
+            }
+            for k, step in enumerate(self.path[1:])
         )
 
     @property

@@ -21,7 +21,9 @@ def read_bytes(path: Path, largest: int = MAX_RECORDING_BYTES) -> bytes:
         with path.open("rb") as file:
             data = file.read(largest + 1)
     except IsADirectoryError as error:
-        raise InputError(f"{path} is a directory: give the recording's file") from error
+        raise InputError(
+            f"{path} is a directory: give a file; for a bag or a data set type 'armdyn import {path} --output runs'"
+        ) from error
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file{files_beside(path)}") from error
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError

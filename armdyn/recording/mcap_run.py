@@ -50,6 +50,10 @@ class _Samples:
     value: list[float] = field(default_factory=list)
 
 
+ROS_ENCODINGS = ("cdr", "ros1")
+"""Encodings of the messages of a bag of ROS 2 and ROS 1."""
+
+
 def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     """Read a recording from an MCAP file.
 
@@ -63,7 +67,7 @@ def read_mcap(path: Path, recover: bool = False) -> McapRecording:
     """
     data = _bytes(path)
     with error_location(path):
-        samples, sidecar, problem = _scan(data)
+        samples, sidecar, problem = _scan(data, path)
     recorded = {name: one for name, one in samples.items() if one.time}
     warnings: tuple[str, ...] = ()
     if problem and not recover:
@@ -93,7 +97,7 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _scan(data: bytes) -> tuple[dict[str, _Samples], Sidecar, str]:
+def _scan(data: bytes, path: Path) -> tuple[dict[str, _Samples], Sidecar, str]:
     """Samples and sidecar of a file, as far as it can be read, and the reason why reading stopped, empty at its end."""
     from mcap.records import Channel as Topic
     from mcap.records import Message, Metadata
@@ -103,6 +107,8 @@ def _scan(data: bytes) -> tuple[dict[str, _Samples], Sidecar, str]:
     try:
         for record in intact_records(data, problems):
             if isinstance(record, Topic):
+                if record.message_encoding in ROS_ENCODINGS:
+                    raise InputError(f"is a ROS bag and no run: type 'armdyn import {path} --output runs' first")
                 labels[record.id] = {
                     key: name_and_unit(label) for key, label in record.metadata.items() if label.endswith("]")
                 }

@@ -13,7 +13,6 @@ from pipeline.console.options import (
     JsonOption,
     ReportOption,
     RobotChoice,
-    missing_mesh_sentences,
     parse_number_list,
     parse_option_quantity,
 )
@@ -31,7 +30,7 @@ HELP_PANEL = "Motions of an arm"
 def check(
     trajectory: Annotated[
         Path,
-        typer.Argument(help="CSV or recording with 'time [s]' and 'q.<joint> [rad]' for each joint, or with 's [m]'."),
+        typer.Argument(help="CSV or recording with 'time [s]' and `q.<joint> [rad]` for each joint, or with 's [m]'."),
     ],
     choice: RobotChoice,
     model: ArmModelOption = None,
@@ -65,7 +64,7 @@ def check(
             metavar="OUT.csv",
             help="File for the same path at the fastest feasible speed; it is what is checked then. "
             "TRAJECTORY may be waypoints without times, or a JSON of MoveIt's or ros2_control's; velocities in it, "
-            "v.<joint>, hold at its ends, which are at rest without any.",
+            "`v.<joint>`, hold at its ends, which are at rest without any.",
         ),
     ] = None,
     start_velocity: Annotated[
@@ -150,7 +149,6 @@ def check(
             result = check_line(default_table(arm), arm, motion, settings, at=at)
         else:
             result = check_joints(arm, motion, settings, line=line if on_line else None, at=at)
-    result = replace(result, notes=(*missing_mesh_sentences(arm), *result.notes))
     written, answer = list[str](), result.to_json
     if retime is not None and isinstance(motion, JointTrajectory) and result.feasible:
         write_text(retime, csv_text(motion.channels(joint_position_units(arm))))

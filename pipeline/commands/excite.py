@@ -17,7 +17,6 @@ from pipeline.console.options import (
     ReportOption,
     RobotChoice,
     ToolOption,
-    missing_mesh_sentences,
     split_names,
 )
 from pipeline.console.outputs import check_outputs
@@ -121,6 +120,8 @@ def excite(
     known = ("--robot", choice.robot) if choice.robot else ("--urdf", choice.urdf_file)
     known = known if model_file is None else ("--model", model_file)
     again = [NextStep("check it again", shell_quoted_command("check", output, *known))]
+    from pipeline.motion.feasibility.check import missing_mesh_sentences
+
     notes = missing_mesh_sentences(found.goal.columns.arm.robot)
     document = excitation_document(found, MAX_CARD_ROWS, notes)
     finish_command(

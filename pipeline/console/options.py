@@ -175,12 +175,6 @@ def split_names(text: str | None) -> list[str] | None:
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def missing_mesh_sentences(robot: "Robot") -> list[str]:
-    """A list with one sentence about the missing mesh files of a robot; empty if none is missing."""
-    missing = [defect for defect in robot.defects if defect.startswith("mesh ")]
-    return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
-
-
 def parse_numbers(text: str, option: str) -> list[float]:
     """Parse a text with numbers separated by commas; `option` is the option's name for the error message.
 

@@ -39,7 +39,7 @@ def report_and_save_repair(
     """
     from armdyn.identify.sentence import Verdict
     from armdyn.model_file import ModelFile, write_model_file
-    from pipeline.answers import history_entries, repair_json
+    from pipeline.answers import repair_json
     from pipeline.report.repair import repair_report
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
@@ -49,7 +49,7 @@ def report_and_save_repair(
         steps.insert(0, NextStep("a formula for what is left", beyond))
     if not lost:
         written.append(f"written to {output}{' (over the earlier one)' * output.exists()}")
-        history = (*given.known.file.history, *history_entries(given.study, found))
+        history = (*given.known.file.history, *found.history)
         model = found.model_without_background if named_only else found.model
         write_model_file(output, ModelFile(model, given.known.file.description, history))
     inputs.finish(

@@ -300,7 +300,6 @@ def save_model(
     """
     from armdyn.document import NextStep
     from armdyn.identify.repair import require_fit
-    from pipeline.answers import history_entries
     from pipeline.console.outputs import check_outputs
     from pipeline.exports import write_export
     from pipeline.report.page import write_page
@@ -319,7 +318,7 @@ def save_model(
         laws = model.with_name(f"{model.stem}_effects.py")
         copied += _copied(opened.effects, laws, writable, over)
         opened = replace(opened, effects=laws)
-    file = ModelFile(kept, given.known.file.description, (*given.known.file.history, *history_entries(study, found)))
+    file = ModelFile(kept, given.known.file.description, (*given.known.file.history, *found.history))
     write_model_file(model, file)
     files, notes = [model, *copied], list[str]()
     command = replace(opened, model=model).proposed_command("compare", "--report", "compare.html")

@@ -8,6 +8,7 @@ import pytest
 
 import armdyn
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.model_file import read_model_file
 from armdyn.recording.channels import SampleError
 from armdyn.run import write_run_csv
 from ik.errors import UnreachableError
@@ -91,6 +92,16 @@ def test_repair_tells_the_error_on_an_exam(swing):
     model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
     found = armdyn.repair(model, [swing("a", 0)], effects=[armdyn.CATALOGUE["linear_drag"]], exam=[swing("b", 1)])
     assert found.path[-1].exam_rmse["swing_angle"] < found.path[0].exam_rmse["swing_angle"]
+
+
+def test_a_saved_repair_keeps_its_errors_for_the_check_of_motions(swing, tmp_path):
+    """Without them a check's margin is too small."""
+    model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
+    found = armdyn.repair(model, [swing("a", 0)], effects=[armdyn.CATALOGUE["linear_drag"]])
+    armdyn.save(found, tmp_path / "repaired.toml")
+    (step,) = read_model_file(tmp_path / "repaired.toml").history
+    assert step["added"] == "linear_drag"
+    assert step["rmse"] == found.path[-1].rmse
 
 
 def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path, complains):

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from mcap.writer import Writer
 
 from armdyn.errors import InputError, UnknownNameError
 from armdyn.run import Channel, KnownQuantity, Run, read_run, write_run_csv
@@ -339,3 +340,16 @@ def test_a_name_that_would_be_read_back_as_another_is_not_written(tmp_path, join
     with complains(InputError):
         write_run_csv(run, tmp_path / "a.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_ros_bag_is_no_damaged_run(tmp_path, complains):
+    """An intact bag of ROS 2 was once called damaged."""
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"float64[] position")
+        topic = writer.register_channel("/joint_states", "cdr", schema, {"offered_qos_profiles": "[]"})
+        writer.add_message(topic, 0, b"\x00\x01\x00\x00", 0)
+        writer.finish()
+    with complains(InputError):
+        read_run(tmp_path / "bag.mcap")

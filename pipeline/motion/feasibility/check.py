@@ -146,14 +146,23 @@ def _report(
     return replace(FeasibilityReport.from_quantities(series), tracking=tracking, notes=notes)
 
 
+def missing_mesh_sentences(robot: urdf.Robot) -> list[str]:
+    """A list with one sentence about the missing mesh files of a robot; empty if none is missing."""
+    missing = [defect for defect in robot.defects if defect.startswith("mesh ")]
+    return [missing[0] + (f"; and {len(missing) - 1} more" if missing[1:] else "")] if missing else []
+
+
 def _notes(robot: urdf.Robot, series: Sequence[LimitedQuantity], arm: ModelledArm | None) -> tuple[str, ...]:
-    """Sentences on what was assumed."""
-    found = []
+    """Sentences on what was assumed, and what could not be checked."""
+    found = missing_mesh_sentences(robot)
     checked = [one.limit for one in series if one.limit in robot.assumed_limits]
     if checked:
         found.append(f"limits of {' and '.join(checked)} are assumed, as no description of {robot.name} states them")
     if arm is not None:
-        found.append("torques are those of the model, farther from 0 by half their band of 95 %")
+        margin = "farther from 0 by half their band of 95 %"
+        if not arm.error.any():
+            margin = "and its file has no error of a repair: their margin counts only its values' deviations"
+        found.append(f"torques are those of the model, {margin}")
         if arm.left_out:
             found.append(f"left out, as they depend on what was before: {', '.join(arm.left_out)}")
     return tuple(found)
