@@ -188,7 +188,7 @@ class Comparison(Displayable):
     def uncertainty_sentence(self) -> str:
         """A sentence on how far the standard deviations can be trusted."""
         if self.intervals_hold:
-            return "The residual is white: the intervals hold."
+            return "The remaining error is white noise: intervals of a value ± 2 std hold."
         if self.std_inflation > 1.0:
             return (
                 "The model's own error is larger than the noise. The standard deviations count it in, as large and as "
@@ -196,8 +196,13 @@ class Comparison(Displayable):
                 "still shift a value further."
             )
         if self.fit.weighted is not None:
-            return "The residual is not white; the standard deviations count in how large and how correlated it is."
-        return "The residual is not white: the standard deviations do not hold as intervals."
+            return (
+                "The remaining error is not white noise; the standard deviations are enlarged for its size and "
+                "correlation."
+            )
+        return (
+            "The remaining error is not white noise: the true uncertainty may be larger than the standard deviations."
+        )
 
     @property
     def sentence(self) -> str:

@@ -156,6 +156,7 @@ def step_table(
     if len(given.rmse) > len(units):
         caption = f"errors: root mean square, of several channels the root of their summed squares; {caption}"
     caption = f"{caption}; χ² per sample: squared error over squared noise, 1 where only noise is left"
+    caption = f"{caption}; BIC: smaller is better"
     return Table(columns, f"{caption[:1].upper()}{caption[1:]}.", "steps")
 
 

@@ -56,7 +56,7 @@ def preparation_sentence(prepared: Mapping[str, Preparation]) -> str:
         f"{_range([p.position_cutoff for p in every])} Hz, noise above): {_range([p.rate for p in every])} samples per "
         f"second of {_range([p.recorded_rate for p in every])} hold all of that"
     )
-    text += f"; {100 * left_out:.2g} % are left out where a joint turns round or rests." if left_out > 0.0 else "."
+    text += f"; {100 * left_out:.2g} % are left out where a joint reverses or rests." if left_out > 0.0 else "."
     smoothed = [p.smoothed for p in every if p.smoothed is not None]
     if smoothed:
         text += (

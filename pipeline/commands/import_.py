@@ -254,7 +254,7 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         typer.echo(f"{path}: {run.summary}, {seconds:.1f} s, {rate:.4g} samples per second")
         for note in (*(a.sentence for a in each.accounts if not a.checks(run.name)), *run.warnings):
             typer.echo(f"  {note}")
-    fitted, last = (written[:-1], ["--held-out", written[-1]]) if len(written) > 2 else (written, [])
+    fitted, last = (written[:-1], ["--held-out", written[-1]]) if len(written) > 1 else (written, [])
     outputs = "--output repaired.toml --report repair.html"
     repair = f"then: {shell_quoted_command('repair', 'M.toml', *fitted, *last)} {outputs}"
     if runs[0].joints:

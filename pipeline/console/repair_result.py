@@ -81,4 +81,4 @@ def repair_next_steps(study: "Study", output: Path, effects: Path | None) -> lis
     export = shell_quoted_command("export", output, *own, "--output", f"{output.stem}{kind}")
     swing = shell_quoted_command("trial", "--model", output, *own)
     steps = [NextStep("swing with it", swing)] if swings else []
-    return [*steps, NextStep("take it elsewhere", export)]
+    return [*steps, NextStep("use it in another program", export)]

@@ -51,7 +51,7 @@ class ForceShape:
 
 DRY_FRICTION_EFFECTS = ("coulomb", "asymmetric", "stribeck", "load_friction")
 STEP_SHAPE = ForceShape(
-    np.sign, "steps by {size} where the {what} turns round", 2.0, 0, "dry friction", DRY_FRICTION_EFFECTS
+    np.sign, "steps by {size} where the {what} reverses", 2.0, 0, "dry friction", DRY_FRICTION_EFFECTS
 )
 VISCOUS_SHAPE = ForceShape(
     np.positive, "{sense} in proportion to the speed, by {size}",
@@ -103,7 +103,7 @@ class ForceLaw:
 
     @property
     def sentence(self) -> str:
-        """The law in words: ``"the missing torque of elbow steps by 1.2 N m where the joint turns round"``, no stop."""
+        """The law in words: ``"the missing torque of elbow steps by 1.2 N m where the joint reverses"``, no stop."""
         whose = f" of {self.joint}" if self.joint else ""
         driven = self.quantity in ("torque", "force")
         what = "joint" if driven else "motion" if self.joint else "swing"

@@ -74,7 +74,7 @@ def test_what_is_left_of_a_repaired_force_is_flat(repaired):
 
 @pytest.mark.parametrize("answer", [compare, diagnose, repair])
 def test_the_sentence_tells_the_law_and_its_size(study, answer):
-    expected = f"The missing torque of {JOINT} steps by 2.4 N m where the joint turns round: dry friction. "
+    expected = f"The missing torque of {JOINT} steps by 2.4 N m where the joint reverses: dry friction. "
     found = answer(study)
     told = found.sentence if answer is compare else found.remarks
     assert f"{told} ".startswith(expected)
@@ -138,7 +138,7 @@ def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
 def test_a_swing_is_slowed_in_words_of_a_swing(drag, more):
     slowed = _samples(0, -0.17, drag, noise=0.01)
     swing = MissingForce("a.csv", None, "rad/s^2", slowed.time, slowed.value, slowed.against)
-    expected = f"the missing acceleration steps by 0.34 rad/s² where the swing turns round{more}"
+    expected = f"the missing acceleration steps by 0.34 rad/s² where the swing reverses{more}"
     assert find_force_law(force_curves([swing])).sentence == expected
 
 
