@@ -46,6 +46,11 @@ MIN_IMPROVEMENT_EXPLAINED_SHARE = 0.5
 noise."""
 
 
+def _finite(values: Mapping[str, float]) -> dict[str, float]:
+    """The values that a file can hold: a diverged prediction of an exam has an infinite error."""
+    return {name: float(value) for name, value in values.items() if np.isfinite(value)}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Repair(Displayable):
     """Result of a repair.
@@ -127,13 +132,12 @@ class Repair(Displayable):
                 "added": " + ".join(step.added) or None,
                 "joints": list(step.joints) or None,
                 **names,
-                "rmse": dict(step.rmse),
-                "held_out_rmse": dict(step.held_out_rmse) or None,
-                "exam_rmse": dict(step.exam_rmse) or None,
-                "chi2_per_sample": step.chi2_per_sample,
-                "bic": step.bic,
-                "contribution": dict(self.steps[-1].fit.contribution(step.added)),
-                "as_given_rmse": dict(self.path[0].rmse) if k == 0 else None,
+                "rmse": _finite(step.rmse),
+                "held_out_rmse": _finite(step.held_out_rmse) or None,
+                "exam_rmse": _finite(step.exam_rmse) or None,
+                **_finite({"chi2_per_sample": step.chi2_per_sample, "bic": step.bic}),
+                "contribution": _finite(self.steps[-1].fit.contribution(step.added)),
+                "as_given_rmse": _finite(self.path[0].rmse) if k == 0 else None,
             }
             for k, step in enumerate(self.path[1:])
         )

@@ -1,6 +1,7 @@
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -102,6 +103,17 @@ def test_a_saved_repair_keeps_its_errors_for_the_check_of_motions(swing, tmp_pat
     (step,) = read_model_file(tmp_path / "repaired.toml").history
     assert step["added"] == "linear_drag"
     assert step["rmse"] == found.path[-1].rmse
+
+
+def test_a_repair_whose_exam_diverged_is_saved_and_read(swing, tmp_path):
+    """No model file holds an infinite number."""
+    model = armdyn.pendulum.pendulum_model(length=0.36, mass=0.1).with_fixed("mass")
+    found = armdyn.repair(model, [swing("a", 0)], effects=[armdyn.CATALOGUE["linear_drag"]])
+    first, last = found.path
+    diverged = replace(found, path=(first, replace(last, exam_rmse={"swing_angle": np.inf})))
+    armdyn.save(diverged, tmp_path / "repaired.toml")
+    (step,) = read_model_file(tmp_path / "repaired.toml").history
+    assert "exam_rmse" not in step
 
 
 def test_a_model_goes_elsewhere_and_nothing_is_written_over(tmp_path, complains):
