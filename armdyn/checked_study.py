@@ -17,6 +17,7 @@ from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
 from armdyn.effects.effect import Effect
 from armdyn.effects.user import available_effects, load_effects
+from armdyn.errors import InputError
 from armdyn.identify.compare import Comparison, compare
 from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion.lost_motion import unless_lost
@@ -37,10 +38,26 @@ from armdyn.recording.checks import check_run
 from armdyn.run import Run, read_run
 from armdyn.threads import one_thread
 
-AnyModel: TypeAlias = Model | str | Path
+AnyModel: TypeAlias = Model | Repair | str | Path
+"""A model, a repair whose model is meant, or the file of a model."""
 Runs: TypeAlias = Sequence[Run | str | Path] | Run | str | Path
 """Recordings or their files; a single one counts as a list of one."""
 Say: TypeAlias = Callable[[str], None]
+
+
+def model_file_of(model: AnyModel) -> ModelFile:
+    """The content of a model's file; of a repair with its errors, of a model in memory without a history.
+
+    Raises:
+        InputError: the file cannot be read, or is no model's.
+    """
+    if isinstance(model, Model):
+        return ModelFile(model, {})
+    if isinstance(model, Repair):
+        return ModelFile(model.model, {}, model.history)
+    if not isinstance(model, str | Path):
+        raise InputError(f"give a model, a repair or the file of a model, not a {type(model).__name__}")
+    return read_model_file(model)
 
 
 def read_runs(given: Runs) -> list[Run]:
@@ -78,8 +95,9 @@ class ModelWithCatalogue:
         Raises:
             InputError: a file cannot be used.
         """
-        if isinstance(model, Model):
-            return cls(ModelFile(model, {}), available_effects(model))
+        if not isinstance(model, str | Path):
+            file = model_file_of(model)
+            return cls(file, available_effects(file.model))
         own = load_effects(effects, stages=None)
         file = read_model_file(model, own)
         return cls(file, available_effects(file.model, own, effects), Path(model))

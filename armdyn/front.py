@@ -8,7 +8,7 @@ import numpy as np
 
 from armdyn.arm.closed_loop.rollout import can_simulate_motion, simulated_positions, simulation_windows
 from armdyn.arm.model import ArmModel
-from armdyn.checked_study import AnyModel, CheckedStudy, ModelWithCatalogue, Runs, read_runs
+from armdyn.checked_study import AnyModel, CheckedStudy, ModelWithCatalogue, Runs, model_file_of, read_runs
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find_several
 from armdyn.effects.effect import Effect
@@ -21,7 +21,7 @@ from armdyn.identify.sentence import Verdict
 from armdyn.inspection.check import Inspection
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.model import Model
-from armdyn.model_file import ModelFile, read_model, write_model_file
+from armdyn.model_file import read_model, write_model_file
 from armdyn.recording.checks import check_run
 from armdyn.run import Channel, Run, read_run
 
@@ -43,8 +43,7 @@ def save(model: Model | Repair, path: str | Path, *, force: bool = False) -> Non
         raise InputError(f"{path} exists: choose another file, or replace it with force=True")
     if isinstance(model, Repair) and model.verdict is Verdict.LOST:
         raise InputError("the fit of this repair is lost: there is no repaired model to write")
-    file = ModelFile(model.model, {}, model.history) if isinstance(model, Repair) else ModelFile(model, {})
-    write_model_file(path, file)
+    write_model_file(path, model_file_of(model))
 
 
 def predict(model: AnyModel, run: Run | str | Path) -> Run:
@@ -54,7 +53,7 @@ def predict(model: AnyModel, run: Run | str | Path) -> Run:
     inputs, from the state that the first samples show. Nothing is fitted: `compare` fits.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         run: the recording, or its file.
 
     Returns:
@@ -73,7 +72,7 @@ def residual(model: AnyModel, run: Run | str | Path) -> Run:
     Of a force/torque sensor it is the compensated wrench: what acts on the tool besides its weight and its inertia.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         run: the recording, or its file.
 
     Returns:
@@ -97,7 +96,7 @@ def simulate(model: AnyModel, run: Run | str | Path) -> Run:
     without a controller its motion drifts away from the recorded one. For other models this is what `predict` does.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         run: the recording, or its file.
 
     Returns:
@@ -136,7 +135,7 @@ def _predicted_channels(model: Model, run: Run) -> dict[str, Channel]:
 
 
 def _model_and_run(model: AnyModel, run: Run | str | Path) -> tuple[Model, Run]:
-    known = model if isinstance(model, Model) else read_model(model)
+    known = model_file_of(model).model
     read = known.with_model_channels(run if isinstance(run, Run) else read_run(run))
     known = known.adapted_to([read])
     check_run(known, read)
@@ -147,7 +146,7 @@ def fit(model: AnyModel, runs: Runs, *, trust_data: bool = False) -> Model:
     """Fit a model to recordings and return it with the fitted values and their standard deviations.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         runs: recordings, or their files.
         trust_data: go on where a recording contradicts its declaration.
 
@@ -181,7 +180,7 @@ def compare(
     """Fit a model and find where it fails.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that are not fitted.
         exam: recordings that are used for nothing else: their error is computed at the very end.
@@ -205,7 +204,7 @@ def diagnose(
     """Find which effect a model lacks.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that help to choose effects, but are never fitted.
         effects: effects to choose from; by default the catalogue and the base's own.
@@ -230,7 +229,7 @@ def add(
     """Add effects to a model, one after the other, whether or not the recordings need them, and refit it.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         effects: one or several effects, or their names, such as ``"rotor_inertia+joint_spring:elbow,wrist"``.
         runs: recordings to fit, or their files.
         held_out: recordings that are not fitted; the error on them is reported at every step.
@@ -262,7 +261,7 @@ def repair(
     """Find the effects that a model lacks and add them, until the remaining error is noise or no effect reduces it.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that help to choose effects, but are never fitted.
         effects: effects to choose from; by default the catalogue and the base's own.
@@ -287,7 +286,7 @@ def discover(
     """Find a formula for the force that a model lacks; `Discovery.write` writes it as a file of effects.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         runs: recordings to fit, or their files.
         held_out: recordings that help to choose the formula, but are never fitted.
         effects: effects that are known already; by default the catalogue and the base's own.

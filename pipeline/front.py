@@ -5,10 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armdyn.checked_study import AnyModel, CheckedStudy, Runs, Say
+from armdyn.checked_study import AnyModel, CheckedStudy, Runs, Say, model_file_of
 from armdyn.errors import InputError, TaskFailedError
-from armdyn.model import Model
-from armdyn.model_file import ModelFile, read_model_file
 
 if TYPE_CHECKING:
     from armdyn.effects.effect import Effect
@@ -73,7 +71,7 @@ def export(
     """Write a model to a file for another program.
 
     Args:
-        model: the model, or its file.
+        model: the model or a repair, or its file.
         path: file to write; its ending selects the format: ``.urdf``, ``.xml`` (MuJoCo's), ``.c``, ``.py`` or
             ``.json``.
         force: replace an existing file.
@@ -91,7 +89,7 @@ def export(
     from pipeline.exports import write_export
 
     output = Path(path)
-    file = ModelFile(model, {}) if isinstance(model, Model) else read_model_file(model)
+    file = model_file_of(model)
     file = replace(file, model=file.model.with_named_effects_only()) if named_only else file
     check_overwrite(output, force)
     written = write_export(file, output, str(file.model.base_summary), incomplete=incomplete)
@@ -135,8 +133,7 @@ def excite(
     from armdyn.experiments.goal import goal_to_determine, goal_to_separate
     from pipeline.motion.excitation import design_excitation
 
-    given = model if isinstance(model, Model) else read_model_file(model).model
-    arm = required_arm(given, "a motion is designed", "give an arm's").without_background()
+    arm = required_arm(model_file_of(model).model, "a motion is designed", "give an arm's").without_background()
     if rivals is None:
         goal = goal_to_determine(arm, [find(name) for name in effects], rate)
     else:
@@ -144,12 +141,14 @@ def excite(
     return design_excitation(goal, seconds, random=random, compare=False, seed=seed)
 
 
-def check(model: str | Path, trajectory: str | Path, *, retime: bool = False) -> "tuple[FeasibilityReport, Run]":
+def check(model: AnyModel, trajectory: "Run | str | Path", *, retime: bool = False) -> "tuple[FeasibilityReport, Run]":
     """Check a motion on an arm as its model describes it, before the arm moves.
 
     Args:
-        model: file of the arm's model.
-        trajectory: file of the motion; with `retime` also waypoints without times, or a JSON trajectory of ROS.
+        model: the arm's model or a repair, or its file. The band of the torques contains the errors of a repair, or of
+            the last one that a file contains; of a model in memory only the standard deviations of its values.
+        trajectory: the motion, or its file; with `retime` also a file of waypoints without times, or a JSON trajectory
+            of ROS.
         retime: whether to retime the path to the fastest feasible speed first.
 
     Returns:
@@ -167,7 +166,7 @@ def check(model: str | Path, trajectory: str | Path, *, retime: bool = False) ->
     from pipeline.motion.retime import retimed_on_arm
     from pipeline.motion.trajectory import LineTrajectory
 
-    arm = ModelledArm.of_file(read_model_file(model))
+    arm = ModelledArm.of_file(model_file_of(model))
     robot, settings = arm.model.robot, CheckSettings(min_singular_value=0.0, modelled=arm)
     if retime:
         motion = retimed_on_arm(robot, *read_waypoints(trajectory, robot), settings)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from scipy.linalg import block_diag
 
+from armdyn.document import Curve
 from armdyn.estimation.covariance import covariance_root
 from armdyn.experiments.series import SeriesBasis
 from armdyn.model import Prediction
@@ -200,6 +201,18 @@ class PredictedExperiment:
             readings.append(np.array([(model.value(name) if place is None else values[place]) / std]))
             slopes.append((np.arange(len(self.names)) == place)[None] / std)
         return np.concatenate(readings), np.vstack(slopes)
+
+    def curves(self) -> list[Curve]:
+        """Expected readings over time of every channel that the experiment measures, at the values before it."""
+        run = self.experiment.run
+        if run is None:
+            return []
+        found, name = self._readings(run, self.start), self.hypothesis.name
+        panels = {channel: f"{channel} [{run.channels[channel].unit}]" for channel in self.weights}
+        return [
+            Curve(panel, name, found.time[rows], found.values[rows])
+            for panel, rows in ((panel, found.slices[channel]) for channel, panel in panels.items())
+        ]
 
     def _readings(self, run: Run, values: np.ndarray) -> Prediction:
         """Readings of the experiment's sensors at (m,) values of the unknowns."""

@@ -182,8 +182,8 @@ class ExperimentPlan(Displayable):
             pairs = [[" / ".join(pair.effects), pair.why] for pair in self.inseparable]
             tables.append(Table.of(["no motion separates", "why"], pairs))
         section = Section("Which experiment", self.sentence, tables=tables)
-        run = self.motion.experiment.run if self.motion is not None else None
-        curves = partial(_moved, run) if run is not None else None
+        drawn = next((p.experiment for p in self.proposals if p.experiment.run is not None), None)
+        curves = partial(_curves, self.rivals.hypotheses, drawn) if drawn is not None else None
         return Document("Next experiment", self.sentence, [section], curves=curves)
 
     @property
@@ -219,10 +219,13 @@ class ExperimentPlan(Displayable):
         return next((p for p in self.proposals if p.experiment.kind == "motion"), None)
 
 
-def _moved(run: Run) -> list[Curve]:
-    """The curves of the gripper's motion."""
-    curves = run.document().curves
-    return [curve for curve in curves() if curve.panel.startswith("gripper")] if curves else []
+def _curves(hypotheses: Sequence[Hypothesis], experiment: PlannedExperiment) -> list[Curve]:
+    """What each hypothesis predicts for an experiment, above it the gripper's motion."""
+    recorded = (
+        experiment.run.document().curves if experiment.motion is not None and experiment.run is not None else None
+    )
+    moved = [c for c in recorded() if c.panel.startswith("gripper") and np.ptp(c.value)] if recorded is not None else []
+    return [*moved, *(curve for h in hypotheses for curve in PredictedExperiment(h, experiment).curves())]
 
 
 @one_thread

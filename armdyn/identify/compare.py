@@ -35,7 +35,7 @@ from armdyn.identify.tables import (
     sample_columns,
 )
 from armdyn.identify.uncertainty import uncertainty
-from armdyn.identify.unidentified import UnidentifiedCombination
+from armdyn.identify.unidentified import UnidentifiedCombination, with_quotients
 from armdyn.parameter import Parameter
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.threads import one_thread
@@ -72,6 +72,7 @@ class Comparison(Displayable):
     """Result of comparing a model with runs.
 
     Attributes:
+        study: the runs and the model.
         fit: the fit of the model's free parameters, with all residuals.
         parameters: fitted parameters by name, with the run in brackets where a value belongs to one run.
         channels: quality of the prediction, by channel.
@@ -95,6 +96,7 @@ class Comparison(Displayable):
         drives: drives of an arm, by joint group, with their estimated gains; for an arm whose runs contain commands.
     """
 
+    study: Study
     fit: Fit
     parameters: dict[str, Parameter]
     channels: dict[str, ChannelQuality]
@@ -137,11 +139,11 @@ class Comparison(Displayable):
             sections,
             ResultLevel.BAD if self.lost else ResultLevel.GOOD if self.explained else ResultLevel.CAUTION,
             data={
-                "samples": lambda: sample_columns(self.fit, self.bands),
+                "samples": lambda: sample_columns(self.study, self.fit, self.bands),
                 "missing_force": lambda: missing_force_columns(self.missing_force),
                 **model.background_table(),
             },
-            curves=partial(prediction_curves, {"predicted": self.fit}, self.bands),
+            curves=partial(prediction_curves, self.study, {"predicted": self.fit}, self.bands),
         )
 
     @property
@@ -200,9 +202,12 @@ class Comparison(Displayable):
                 "The remaining error is not white noise; the standard deviations are enlarged for its size and "
                 "correlation."
             )
-        return (
-            "The remaining error is not white noise: the true uncertainty may be larger than the standard deviations."
+        small = (
+            "as small as the noise, but not white: neighbouring samples have similar errors, so"
+            if self.explained
+            else "not white noise:"
         )
+        return f"The remaining error is {small} the true uncertainty may be larger than the standard deviations."
 
     @property
     def sentence(self) -> str:
@@ -246,6 +251,7 @@ def comparison(
     bands = None if needed else prediction_bands(study, fit, certain.covariance_with_exact_gains)
     white = all(c.whiteness_p_value > study.settings.search.chance_level / len(channels) for c in channels.values())
     return Comparison(
+        study=study,
         fit=fit,
         parameters={n: p for n, p in fitted_parameters(study, fit).items() if n not in unnamed},
         channels=channels,
@@ -270,7 +276,7 @@ def comparison(
             *study.remarks(fit),
             *(one.sentence for one in (bands.extrapolations if bands else ())),
         ),
-        unidentified_combinations=together,
+        unidentified_combinations=tuple(with_quotients(one, fit, certain.covariance) for one in together),
         std_inflation=certain.std_inflation,
         lost=needed,
         bands=bands,

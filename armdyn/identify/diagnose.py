@@ -76,7 +76,7 @@ class Diagnosis(Displayable):
             sections=[evidence, *compared.sections],
             level=ResultLevel.GOOD if self.verdict is Verdict.EXPLAINED else ResultLevel.CAUTION,
             data={**compared.data, "missing_force": lambda: missing_force_columns(self.missing_force)},
-            curves=partial(prediction_curves, fits),
+            curves=partial(prediction_curves, given.study, fits),
         )
 
     @property

@@ -22,7 +22,14 @@ from armdyn.identify.residual.force_law import force_law_sentence
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.selection.path import ProgressCallback, SearchStep
 from armdyn.identify.selection.search import Search, background_names, background_values, repair_step, search
-from armdyn.identify.sentence import NamedEffect, RepairResidual, Verdict, named_effects, repair_sentences
+from armdyn.identify.sentence import (
+    NamedEffect,
+    RepairResidual,
+    Verdict,
+    join_names,
+    named_effects,
+    repair_sentences,
+)
 from armdyn.identify.study import Study
 from armdyn.identify.tables import (
     error_fall_sentence,
@@ -115,7 +122,7 @@ class Repair(Displayable):
                 **compared.data,
                 "missing_force": lambda: missing_force_columns(self.missing_force),
             },
-            curves=partial(prediction_curves, fits),
+            curves=partial(prediction_curves, self.after.study, fits),
         )
 
     @property
@@ -230,7 +237,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     return Repair(
         verdict=verdict,
         sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
-        remarks=(law + beyond + outlier_sentence(study.runs)).strip(),
+        remarks=(law + beyond + _condition_of_values(path) + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,
@@ -242,6 +249,16 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
         steps=found.steps,
         missing_force=forces,
     )
+
+
+def _condition_of_values(path: Sequence[RepairStep]) -> str:
+    """A sentence on what the values depend on, where effects are tied; empty where none are."""
+    added = {name for step in path for name in step.added}
+    tied = [step for step in path if not added.issuperset(step.tied_with)]
+    if not tied:
+        return ""
+    names = join_names(list(dict.fromkeys(name for step in tied for name in step.added)))
+    return f" The values hold if what acts is {names}; with an effect that cannot be distinguished from it they differ."
 
 
 def _lost(study: Study, found: Search) -> Repair:

@@ -297,6 +297,11 @@ class Study(ABC):
             self._in_turn[found] = leave_one_out_predictions(found)
         return self._in_turn[found]
 
+    def blocks_by_role(self, found: Fit) -> dict[str, list[ResidualBlock]]:
+        """Residuals of all recordings by their role, as in `recordings`; to be used only after all choices are made."""
+        held_out = self.held_out_blocks(found) if self.held_out else []
+        return {"training": list(found.blocks), "held_out": held_out, "exam": self.exam_blocks(found)}
+
     @property
     def recordings(self) -> list[tuple[Run, str]]:
         """All recordings as they were before preparation, each with its role: training, held_out or exam."""

@@ -19,9 +19,12 @@ if TYPE_CHECKING:
     from armdyn.arm.drives import Servo
     from armdyn.arm.links import LinkInertiaChange
     from armdyn.identify.bands import PredictionBands
+    from armdyn.identify.study import Study
 
 MAX_LISTED_FAILING_RANGES = 6
 """Largest number of ranges in a table of where a model fails."""
+ROLE_REMARKS = {"training": "", "held_out": " (held out)", "exam": " (exam)"}
+"""What follows the name of a run in a figure, by the run's role."""
 LINK_WORDS = {"mass": "mass", "centre": "centre of mass", "inertia": "inertia", "moment": "mass times centre"}
 """Quantity of a link in words, by the first part of the quantity's name."""
 
@@ -75,31 +78,35 @@ def failing_range_section(title: str, places: Sequence[FailingRange]) -> Section
     return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
 
 
-def prediction_curves(fits: Mapping[str, Fit], bands: "PredictionBands | None" = None) -> Iterator[Curve]:
-    """Curves of measured and predicted values over time, for every run and channel.
+def prediction_curves(
+    study: "Study", fits: Mapping[str, Fit], bands: "PredictionBands | None" = None
+) -> Iterator[Curve]:
+    """Curves of measured and predicted values over time, for every channel of every run, held-out and exam runs too.
 
     Args:
+        study: the runs.
         fits: fits by the label of their curve; the first is the model as given.
         bands: prediction bands of the last fit.
     """
     last = list(fits)[-1]
-    predicted = [{(block.run, block.channel): block.predicted for block in fit.blocks} for fit in fits.values()]
-    for block in next(iter(fits.values())).blocks:
-        row = f"{block.channel} [{block.unit}]"
-        yield Curve(row, "measured", block.time, block.measured.value, block.run, drawn_as_points=True)
+    steps = [study.blocks_by_role(fit) for fit in fits.values()]
+    predicted = [{(b.run, b.channel): b.predicted for blocks in step.values() for b in blocks} for step in steps]
+    for role, block in ((role, block) for role, blocks in steps[0].items() for block in blocks):
+        row, run = f"{block.channel} [{block.unit}]", block.run + ROLE_REMARKS[role]
+        yield Curve(row, "measured", block.time, block.measured.value, run, drawn_as_points=True)
         key = block.run, block.channel
         for label, values in zip(fits, predicted, strict=True):
             half_width = bands.half_width.get(key) if bands is not None and label == last else None
-            yield Curve(row, label, block.time, values[key], block.run, half_width=half_width)
+            yield Curve(row, label, block.time, values[key], run, half_width=half_width)
 
 
-def sample_columns(fit: Fit, bands: "PredictionBands | None" = None) -> Columns:
-    """Table with one row per sample: run, channel, time, measured and predicted value, half the width of the band."""
-    names = ("run", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
+def sample_columns(study: "Study", fit: Fit, bands: "PredictionBands | None" = None) -> Columns:
+    """Table with one row per sample: run, its role, channel, time, measured and predicted value, half the band."""
+    names = ("run", "role", "channel", "time", "measured", "predicted", *(["half_width"] if bands is not None else []))
     columns: dict[str, list[Any]] = {key: [] for key in names}
-    for block in fit.blocks:
-        columns["run"] += [block.run] * len(block.time)
-        columns["channel"] += [block.channel] * len(block.time)
+    for role, block in ((role, block) for role, blocks in study.blocks_by_role(fit).items() for block in blocks):
+        for name, text in (("run", block.run), ("role", role), ("channel", block.channel)):
+            columns[name] += [text] * len(block.time)
         columns["time"] += block.time.tolist()
         columns["measured"] += block.measured.value.tolist()
         columns["predicted"] += block.predicted.tolist()

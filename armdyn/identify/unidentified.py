@@ -13,7 +13,7 @@ too small.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
@@ -27,6 +27,8 @@ from armdyn.threads import one_thread
 
 MAX_IDENTIFIED_STD_TYPICAL_SIZES = 1.0
 """Standard deviation along a direction of the parameters, in typical sizes, above which it is not identified."""
+SAME_CHANGE_TOLERANCE = 0.02
+"""Difference of two relative changes up to which they are the same."""
 MIN_DIRECTION_COMPONENT_SHARE = 0.02
 """Change of a parameter, as a share of the largest change in a direction, up to which it is not part of it."""
 
@@ -43,22 +45,51 @@ class UnidentifiedCombination:
             combination.
         identifying_states: states that no channel measures and whose recording would identify the parameters, with
             units.
+        quotients: quotients of the parameters, with their values, where the runs determine these.
     """
 
     changes: dict[str, float]
     units: dict[str, str]
     unidentified_parameters: frozenset[str]
     identifying_states: tuple[str, ...] = ()
+    quotients: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """One sentence for a reader: which parameters change together, and what would identify them."""
         moves = [f"{name} by {change:+.2g} {self.units[name]}" for name, change in self.changes.items()]
-        text = f"These runs do not determine {join_names(list(self.changes))} one by one: if they change together "
-        text += f"({', '.join(moves)}), no prediction changes. State the value of one of them"
+        if self.quotients:
+            text = f"These runs determine only quotients: {join_names(list(self.quotients))}. State one of these values"
+        else:
+            text = f"These runs do not determine {join_names(list(self.changes))} one by one: if they change together "
+            text += f"({', '.join(moves)}), no prediction changes. State the value of one of them"
         first = next(iter(self.changes))
         text += f' (--set {first}="... +/- ...")'
         return text + (f", or record {join_names(self.identifying_states, 'or')}" if self.identifying_states else "")
+
+
+def with_quotients(combination: UnidentifiedCombination, fit: Fit, covariance: np.ndarray) -> UnidentifiedCombination:
+    """Add the quotients of parameters that all change by the same percentage; the runs determine these.
+
+    A drag and a friction of a pendulum, for example, are known per kilogram where the mass is not. Their standard
+    deviations follow from any covariance (P, P) of the unknowns, as a quotient does not change along the direction that
+    is not identified.
+    """
+    columns, changes = fit.problem.columns, combination.changes
+    places = [i for i, c in enumerate(columns) if c.parameter.name in changes]
+    described = [i for i in places if not fit.problem.is_effect[i]]
+    same = np.allclose(list(changes.values()), 1.0, atol=SAME_CHANGE_TOLERANCE)
+    if len(places) != len(changes) or len(described) != 1 or set(combination.units.values()) != {"%"} or not same:
+        return combination
+    below, said = described[0], list[str]()
+    for above in (i for i in places if i != below):
+        value = fit.values[above] / fit.values[below]
+        slope = np.zeros(len(fit.values))
+        slope[[above, below]] = value / fit.values[above], -value / fit.values[below]
+        std = float(np.sqrt(slope @ np.nan_to_num(covariance, posinf=0.0) @ slope))
+        one, other = columns[above].parameter, columns[below].parameter
+        said.append(f"{one.name} / {other.name} = {value:.6g} +/- {std:.2g} {one.unit} per {other.unit}")
+    return replace(combination, quotients=tuple(said))
 
 
 @cached_with_first_argument

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from armdyn.document import NextStep
 from pipeline.console.inputs import StudyInputs
-from pipeline.console.repair_result import repair_output_options, swings_from_gripper
+from pipeline.console.repair_result import next_experiment_steps, repair_output_options
 
 HELP_PANEL = "What a model lacks"
 
@@ -17,10 +17,7 @@ def diagnose(inputs: StudyInputs) -> None:
 
     with inputs.begin() as (given, say):
         found = given.diagnose(say)
-    steps = []
-    if found.remedies and swings_from_gripper(given.study):
-        command = inputs.proposed_command("next", "--output", "motion.csv", "--report", "next.html")
-        steps.append(NextStep("tell them apart", command))
+    steps = next_experiment_steps(inputs, given) if found.remedies else []
     if found.ranked_effects:
         steps.append(NextStep("add it", inputs.proposed_command("repair", *repair_output_options(inputs.model))))
     inputs.finish(

@@ -59,7 +59,7 @@ def _next_steps(inputs: ModelAndRunInputs, found: "Discovery", output: Path | No
     rival = next((one for one in found.laws_outside_catalogue if one.known_as and one.joint is None), None)
     if rival is not None:  # an equally good effect of the catalogue
         apart = ["--effects", str(file), "--rivals", f"{rival.effect},{rival.known_as}", "--output", "motion.csv"]
-        judge.append(NextStep("tell them apart", inputs.proposed_command("next", *apart)))
+        judge.append(NextStep("distinguish them", inputs.proposed_command("next", *apart)))
     return [*steps, *judge]
 
 

@@ -1,6 +1,6 @@
 """The command `armdyn new`: write the file of a new model without effects."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -76,7 +76,8 @@ def pendulum(target: NewModelOptions, settings: SetOption = None) -> None:
     """Write the model of a load on a string below a moving gripper, with length, mass and gravity."""
     from armdyn.model_file import ModelFile, base_pendulum
 
-    _write(target, ModelFile(base_pendulum(_known(settings)), {}))
+    known = _known(settings)
+    _write(target, ModelFile(base_pendulum(known), {}), assumed={"length", "mass"} - known.keys())
 
 
 @group.command(name="own", hidden=True)
@@ -140,7 +141,10 @@ def _known(settings: list[str] | None) -> dict[str, str]:
     return known
 
 
-def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()) -> None:
+def _write(
+    target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = (), assumed: Collection[str] = ()
+) -> None:
+    """Write a model's file, and say which values nobody has stated: `assumed`."""
     from armdyn.model_file import write_model_file
 
     check_outputs(target.model, target.json_file)
@@ -156,7 +160,7 @@ def _write(target: NewModelOptions, file: "ModelFile", notes: Sequence[str] = ()
         return {**about, **model.file_entries(path.parent), **description, **({"notes": list(notes)} if notes else {})}
 
     if write_json_if_file_given(target.json_file, answer):
-        what = [f"{name} {p.value:g} {p.unit}" for name, p in shared.items()]
+        what = [f"{name} {p.value:g} {p.unit}{' (assumed)' * (name in assumed)}" for name, p in shared.items()]
         what += [f"joints {', '.join(description['joints'])}"] if "joints" in description else []
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armdyn.document import NextStep
+from armdyn.errors import InputError
 from armdyn.quoting import shell_quoted_command
 from pipeline.console.inputs import StudyInputs
 
@@ -44,6 +45,8 @@ def report_and_save_repair(
 
     lost, written = found.verdict is Verdict.LOST, list[str]()
     steps = [] if lost else repair_next_steps(given.study, output, inputs.effects)
+    if any(step.tied_with for step in found.path):
+        steps[:0] = next_experiment_steps(inputs, given)
     if found.verdict is Verdict.UNKNOWN_EFFECT and given.commanded is None:
         beyond = replace(inputs, model=output).proposed_command("discover", "--output", f"{output.stem}_effect.py")
         steps.insert(0, NextStep("a formula for what is left", beyond))
@@ -60,6 +63,22 @@ def report_and_save_repair(
         written,
         failed=lost,
     )
+
+
+def next_experiment_steps(inputs: StudyInputs, given: "CheckedStudy") -> list[NextStep]:
+    """Command to propose where effects cannot be distinguished; empty where no experiment can be planned."""
+    from armdyn.arm.model import ArmModel
+    from armdyn.experiments.rivals import require_plannable
+
+    if given.study.model.capability(ArmModel) is None:
+        try:
+            require_plannable(given.study)
+        except InputError:
+            return []
+    elif given.commanded is not None:  # an arm that is judged by motion
+        return []
+    command = inputs.proposed_command("next", "--output", "motion.csv", "--report", "next.html")
+    return [NextStep("distinguish them", command)]
 
 
 def swings_from_gripper(study: "Study") -> bool:

@@ -35,7 +35,7 @@ from pipeline.imports.mapping import TIME_HINT, ColumnEntry, ColumnMap
 from pipeline.imports.pendulum import tracked_swing
 from pipeline.imports.register_entries import NO_DRIVES, DriveKinds
 from pipeline.imports.registers import decoded
-from pipeline.imports.stamps import samples_with_valid_stamps
+from pipeline.imports.stamps import samples_with_valid_stamps, without_rounding
 from pipeline.imports.words import is_unit_like
 from urdf.toml_tables import join_problems
 
@@ -183,7 +183,7 @@ def _channels(
     empty: list[str] = []
     if foreign.is_table:
         with collect_errors(problems):
-            time, rows, account = _table_time(foreign, mapping)
+            time, rows, account = _table_time(foreign, mapping, notes)
             table = time, rows
             accounts.append(account)
     channels: dict[str, Channel] = {}
@@ -291,8 +291,10 @@ def _conversion(entry: ColumnEntry, unit: str) -> Conversion:
     return Conversion(si, factor, zero + offset)
 
 
-def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArray, RowIndices, ImportedSampleCounts]:
-    """Stamps [s] and indices of the rows of a table that are used, and their account."""
+def _table_time(
+    foreign: ForeignRecording, mapping: ColumnMap, notes: list[str]
+) -> tuple[FloatArray, RowIndices, ImportedSampleCounts]:
+    """Stamps [s] and indices of the rows of a table that are used, and their account; adds to the notes."""
     count = len(next(iter(foreign.columns.values())).value)
     if mapping.rate:
         return (
@@ -305,9 +307,19 @@ def _table_time(foreign: ForeignRecording, mapping: ColumnMap) -> tuple[FloatArr
     if mapping.time not in foreign.columns:
         raise UnknownNameError("column", mapping.time, foreign.columns)
     column = foreign.columns[mapping.time]
+    unit = mapping.time_unit or column.unit or "s"
     with error_location(f"'{mapping.time}'"):
-        found = samples_with_valid_stamps(column.value * si_factor(mapping.time_unit or column.unit or "s", "s"))
+        factor = si_factor(unit, "s")
+    found = samples_with_valid_stamps(column.value * factor)
     account = ImportedSampleCounts("", count, len(found.rows), dict(found.left_out), found.steps)
     if account.kept < MIN_COMPARED_CHANNEL_SAMPLES:
         raise InputError(f"'{mapping.time}' is not a time: {account.sentence}: sort the rows by time, or {TIME_HINT}")
+    if len(found.rows) == count:
+        regular, step = without_rounding(column.value)
+        if step:
+            rate = 1.0 / (factor * (regular[1] - regular[0]))
+            notes.append(
+                f"'{mapping.time}' is rounded to {step:g} {unit}, and agrees with {rate:.6g} Hz: this rate is used"
+            )
+            return regular * factor, found.rows, account
     return found.time, found.rows, account

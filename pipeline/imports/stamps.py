@@ -27,6 +27,8 @@ MAX_RELATIVE_CLOCK_DRIFT = 1e-4
 """Largest relative difference between the rates of two computers' clocks, twice that of usual crystals."""
 MIN_STEP_AFTER_CLOCK_RESET_SECONDS = 1e-6
 """Shortest time between two samples after a clock was set [s]."""
+MAX_STAMP_DECIMALS = 7
+"""Number of decimals from which on stamps do not count as rounded."""
 REPEATED_STAMP, BACKWARD_STAMP, STAMP_AHEAD, STAMP_OF_ANOTHER_DAY, MISSING_STAMP, STAMP_BESIDE_RESET = (
     "whose stamp was there already", "whose stamp goes back", "whose stamp runs ahead",
     "whose stamp is far from all others", "without a stamp", "beside a step of the clock, so that the gap shows",
@@ -77,6 +79,30 @@ def samples_with_valid_stamps(stamps: FloatArray, arrivals: FloatArray | None = 
     steps = tuple(float(stamps[b[0]] - stamps[a[-1]]) for a, b in pairwise(pieces))
     rows, time, left = _laid(pieces, stamps, arrivals)
     return TimestampedSamples(rows, time, _reasons(stamps, np.concatenate(pieces) if pieces else rows) + left, steps)
+
+
+def without_rounding(stamps: FloatArray) -> tuple[FloatArray, float]:
+    """Times of samples at a constant rate whose stamps were rounded to decimals, and the step of the rounding.
+
+    A camera that takes a picture every 1/30 s has stamps of 0.033, 0.067 and so on. If all stamps (n,) agree with a
+    constant rate within half of their last decimal, the constant rate is the most likely truth, and the rounding is an
+    error of the stamps. Otherwise, or if all steps are the same, the stamps are returned as they are, with a step of 0.
+
+    Args:
+        stamps: stamps (n,) in the unit in which they were written, without gaps.
+    """
+    decimals = (
+        k for k in range(MAX_STAMP_DECIMALS) if np.abs(stamps * 10.0**k - np.round(stamps * 10.0**k)).max() < 1e-3
+    )
+    digits, steps = next(decimals, None), np.diff(stamps)
+    # Steps of a single last decimal may as well show lost samples.
+    if digits is None or np.ptp(steps) < 0.5 * 10.0**-digits or steps.min() < 1.5 * 10.0**-digits:
+        return stamps, 0.0
+    index = np.arange(len(stamps))
+    regular = np.polynomial.Polynomial.fit(index, stamps, 1)(index)
+    # The line through n rounded stamps is itself off by their error over the root of n.
+    largest = 0.5 * 10.0**-digits * (1.0 + 4.0 / np.sqrt(len(stamps)))
+    return (regular, 10.0**-digits) if np.abs(stamps - regular).max() <= largest else (stamps, 0.0)
 
 
 def shift_to_arrival_clock(time: FloatArray, arrivals: FloatArray) -> FloatArray:

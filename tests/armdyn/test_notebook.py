@@ -94,6 +94,34 @@ def test_a_figure_is_still_there_when_its_notebook_became_a_page(results):
     assert "as given" in text
 
 
+def test_held_out_and_exam_runs_are_plotted_and_in_the_samples(results, runs):
+    pytest.importorskip("pandas", reason="data frames need pandas: pip install 'armdyn[notebook]'")
+    first, second = runs
+    exam = record("c.csv", DRAG, np.random.default_rng(2))
+    found = armdyn.compare(results["fit"], first, held_out=[second], exam=[exam])
+    samples = found.to_dataframe("samples")
+    assert samples.groupby("role")["run"].unique().map(list).to_dict() == {
+        "training": ["a.csv"], "held_out": ["b.csv"], "exam": ["c.csv"]
+    }  # fmt: skip
+    held_out = samples[samples["role"] == "held_out"]
+    rmse = float(np.sqrt(np.mean((held_out["measured"] - held_out["predicted"]) ** 2)))
+    assert rmse == pytest.approx(found.channels["load_force"].held_out_rmse)
+    shown = [button.label for button in found.plot().layout.updatemenus[0].buttons]
+    assert shown == ["a.csv", "b.csv (held out)", "c.csv (exam)"]
+
+
+def test_a_plan_is_plotted_as_what_each_rival_predicts(runs, model):
+    rivals = ["linear_drag", "quadratic_drag"]
+    plan = armdyn.next_experiment(model, runs, rivals=rivals, seconds=4.0, travel=0.3, speed=0.5)
+    curves = [trace for trace in plan.plot().data if trace.name in rivals]
+    assert {trace.name for trace in curves} == set(rivals)
+    ends = [trace.x[-1] for trace in curves]
+    assert min(ends) >= 4.0
+    one, other = (next(trace.y for trace in curves if trace.name == name) for name in rivals)
+    assert [one[0], other[0]] == pytest.approx([0.08 * 9.81] * 2, rel=0.01)  # the load hangs at rest
+    assert np.abs(one - other).max() > 0.01
+
+
 def test_a_fitted_model_is_plotted_against_recordings(results, runs):
     shown = armdyn.compare(results["fit"], runs).plot().data
     assert [trace.name for trace in shown[:3]] == ["measured", "95 % band", "predicted"]

@@ -13,7 +13,7 @@ from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
 from armdyn.recording.noise import noise_std_from_differences
 from armdyn.recording.units import to_base_units
-from armdyn.run import read_run
+from armdyn.run import Run, read_run
 from pipeline.motion.trajectory import AT_REST, EndVelocities, JointTrajectory, LineTrajectory
 from urdf.robot import Array
 
@@ -50,7 +50,7 @@ def smooth_and_differentiate(time: Array, position: Array) -> tuple[Array, Array
     return q, v, a
 
 
-def read_waypoints(path: Path | str, robot: urdf.Robot) -> tuple[Array, EndVelocities]:
+def read_waypoints(source: Path | str | Run, robot: urdf.Robot) -> tuple[Array, EndVelocities]:
     """Read the positions of a path of the joints, (n, joints) [rad or m], and its velocities at both ends.
 
     Its times do not matter. Without recorded velocities the ends are at rest. Files are those of `read_trajectory`, CSV
@@ -60,17 +60,19 @@ def read_waypoints(path: Path | str, robot: urdf.Robot) -> tuple[Array, EndVeloc
     Raises:
         InputError: the file is not a path of this robot's joints.
     """
-    path = Path(path)
-    if path.suffix.lower() == ".json":
-        with error_location(path):
-            return _message_positions(path, robot)
-    if path.suffix.lower() == ".csv" and "time" not in _header(path):
-        with error_location(path):
-            return _table_positions(path, robot)
-    motion = read_trajectory(path, robot)
+    if not isinstance(source, Run):
+        path = Path(source)
+        if path.suffix.lower() == ".json":
+            with error_location(path):
+                return _message_positions(path, robot)
+        if path.suffix.lower() == ".csv" and "time" not in _header(path):
+            with error_location(path):
+                return _table_positions(path, robot)
+    motion = read_trajectory(source, robot)
     if isinstance(motion, LineTrajectory):
-        raise InputError(f"{path}: a motion along the line has no joints to retime: 'armdyn check' without --retime")
-    recorded = all(f"v.{joint}" in read_run(path).channels for joint in robot.joint_names)
+        raise InputError(f"{source}: a motion along the line has no joints to retime: 'armdyn check' without --retime")
+    run = source if isinstance(source, Run) else read_run(source)
+    recorded = all(f"v.{joint}" in run.channels for joint in robot.joint_names)
     return motion.q, EndVelocities(motion.v[0], motion.v[-1]) if recorded else AT_REST
 
 
@@ -149,24 +151,23 @@ DEGREES_POSITION_TO_RANGE_RATIO = 2.0
 """Ratio of a joint position to the joint's range above which positions are probably in degrees."""
 
 
-def read_trajectory(path: Path | str, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
+def read_trajectory(source: Path | str | Run, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
     """Read a motion of the joints, or of the tool along the line, from a CSV file or a recording.
 
     Columns ``q.<joint>`` are a motion of the joints; a column ``s`` or ``gripper_x`` is a motion along the line.
     Velocities and accelerations are read from the file if it contains all of them, else computed by a smoothing spline.
 
     Args:
-        path: the file.
+        source: the file, or a recording in memory.
         robot: the robot, whose joints the columns belong to.
 
     Raises:
         InputError: the file is not a motion of this robot; the message says what is wrong and what to do.
     """
-    path = Path(path)
-    with error_location(path):
-        if is_line_csv(path):
-            return _line(read_csv(path, LINE_COLUMN_UNITS), ("s", "v", "a"))
-        channels = read_run(path).channels
+    with error_location(source.name if isinstance(source, Run) else source):
+        if not isinstance(source, Run) and is_line_csv(Path(source)):
+            return _line(read_csv(Path(source), LINE_COLUMN_UNITS), ("s", "v", "a"))
+        channels = (source if isinstance(source, Run) else read_run(source)).channels
         if any(name.startswith("q.") for name in channels):
             return _joints(channels, robot)
         if "gripper_x" in channels:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.imports.stamps import samples_with_valid_stamps
+from pipeline.imports.stamps import samples_with_valid_stamps, without_rounding
 
 PERIOD, COUNT = 0.01, 600
 
@@ -37,3 +37,20 @@ def test_messages_that_were_overtaken_are_no_clock_that_was_set(overtaken):
     found = samples_with_valid_stamps(stamps[order], arrivals[order])
     assert found.steps == ()
     assert len(found.rows) >= COUNT - overtaken
+
+
+@pytest.mark.parametrize(("rate", "decimals"), [(30.0, 3), (59.94, 3), (29.97, 2), (240.0, 3)])
+def test_rounded_stamps_of_a_camera_are_those_of_its_rate(rate, decimals):
+    true = 5.0 + np.arange(2000) / rate
+    found, step = without_rounding(np.round(true, decimals))
+    assert step == pytest.approx(10.0**-decimals)
+    assert np.abs(found - true).max() < 0.05 * step
+
+
+def test_stamps_that_are_not_rounded_or_not_of_one_rate_stay_as_they_are():
+    rng, even = np.random.default_rng(2), 0.01 * np.arange(2000)
+    lost = np.delete(np.round(even, 2), 1000)
+    for stamps in (even, lost, even + rng.normal(0.0, 1e-3, 2000), np.round(even + rng.normal(0.0, 1e-3, 2000), 3)):
+        found, step = without_rounding(stamps)
+        assert step == 0.0
+        np.testing.assert_array_equal(found, stamps)

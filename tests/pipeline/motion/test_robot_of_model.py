@@ -10,6 +10,7 @@ from armdyn.arm.model import arm_model
 from armdyn.arm.symbolic import inverse_dynamics_function
 from armdyn.effects.catalogue import CATALOGUE
 from armdyn.model_file import ModelFile, write_model_file
+from armdyn.run import read_run
 from ik.torque import JointTorque
 from pipeline.front import check
 from pipeline.motion.feasibility import CheckSettings, check_joints
@@ -103,6 +104,10 @@ def test_a_designed_motion_keeps_the_limits_of_the_model(tmp_path):
     report, motion = check(tmp_path / "m.toml", out)
     assert report.feasible
     assert motion.channels["q.elbow"].time[-1] == pytest.approx(4.0)
+    again, moved = check(arm, read_run(out))  # in memory, as from their files
+    assert again.margins == report.margins
+    assert moved.channels.keys() == motion.channels.keys()
+    assert check(arm, read_run(out), retime=True)[0].feasible
     assert called("check", out, "--model", tmp_path / "m.toml")[0] == 0
     torques = {margin.joint: margin.used_share for margin in report.margins if margin.limit == "torque"}
     without = check_joints(arm.robot, read_trajectory(out, arm.robot), CheckSettings(min_singular_value=0.0))
