@@ -152,11 +152,13 @@ class Comparison(Displayable):
         if self.lost:
             return [f"{text}." for text in self.left_out]
         found = [self.uncertainty_sentence]
+        # A drive's delay is an unknown of the fit, and no parameter of the model.
+        ends = {c.name: (v, c.parameter.unit) for c, v in zip(self.fit.problem.columns, self.fit.values, strict=True)}
         for name in self.at_bound:
-            one = self.parameters[name]
+            value, unit = ends[name]
             found.append(
-                f"{name} ended on its physical bound, {one.value:.4g} {one.unit}: it may stand in for a missing effect."
-                if one.value
+                f"{name} ended on its physical bound, {value:.4g} {unit}: it may stand in for a missing effect."
+                if value
                 else f"{name} ended at 0, its least possible value: these runs show nothing of it."
             )
         found += [f"{one.sentence}." for one in self.unidentified_combinations]

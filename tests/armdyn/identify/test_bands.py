@@ -1,6 +1,7 @@
 """Bands cover what they say in runs that nothing was fitted to, grow with what values leave open, and are shown."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,3 +91,10 @@ def swing(name: str, amplitude: float, drag: float, rng: np.random.Generator) ->
         t_eval=time, rtol=1e-9, atol=1e-11,
     ).y[0]  # fmt: skip
     return Run(name, {"swing_angle": Channel(time, angle + 1e-3 * rng.normal(size=len(time)), "rad")})
+
+
+def test_a_delay_that_ends_on_its_bound_is_told_although_it_is_no_parameter_of_the_model() -> None:
+    found = compare(make_study(pendulum_model(0.35, 0.1), recordings(4, 1), [], []))
+    fitted = found.fit.problem.columns[0].name
+    (_, said, *_) = replace(found, parameters={}, at_bound=(fitted,)).remarks
+    assert said.startswith(f"{fitted} ended on its physical bound, {found.parameters[fitted].value:.4g} ")
