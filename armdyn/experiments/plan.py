@@ -168,9 +168,10 @@ class ExperimentPlan(Displayable):
             Column("what to do", [p.experiment.what for p in self.proposals]),
         ]
         promise = (
-            "Separation: root of the rise of chi² when the rival is refitted to what the other predicts, of the two "
-            "that are hardest to distinguish. Right verdict: probability that the diagnosis of all runs then names one "
-            "effect, and the right one."
+            "Separation: by how many standard deviations of the noise the two most similar hypotheses differ over the "
+            "whole experiment, after the wrong one was fitted to what the right one predicts; below 2 noise can hide "
+            "the difference. Right verdict: probability that the diagnosis of all runs then names one effect, and the "
+            "right one."
         )
         names = [h.name for h in self.rivals.hypotheses]
         believed = [Column("may be true", names), Column("belief so far", beliefs, ".0%", bar_lengths=beliefs)]
@@ -201,8 +202,8 @@ class ExperimentPlan(Displayable):
         motion, size = best.experiment.motion, ""
         if best.experiment.kind == "motion" and motion is not None:
             x, _, a = motion.peaks
-            size = f", in {motion.duration:g} s, at most {x:.2f} m to the side, {a:.1f} m/s², "
-            size += f"effort {motion.effort:.1f} m²/s³"
+            size = f", in {motion.duration:g} s, at most {x:.2f} m to the side, {a:.1f} m/s^2, "
+            size += f"effort {motion.effort:.1f} m^2/s^3"
         return (
             f"{said}: {best.experiment.what} ({best.expected.separation:.1f} standard deviations, "
             f"a right verdict with {best.expected.probability:.0%}){size}."

@@ -128,7 +128,7 @@ class Comparison(Displayable):
             *([drive_section(self.drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
             *(
-                [failing_range_section("Where the model fails", self.failing_ranges)]
+                [failing_range_section(self.failing_ranges, self.scale.units)]
                 if self.failing_ranges and not self.lost
                 else []
             ),

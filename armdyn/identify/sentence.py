@@ -165,7 +165,7 @@ def _found(
     added, small = named_effects(steps, scale), steps[-1].values
     held = f"a background of {small} small values without a name" if small else ""
     if not (added or small):
-        sizes = join_names([f"{_number(error)} {unit}" for unit, error in before.items()])
+        sizes = join_names([f"{plain_number(error)} {unit}" for unit, error in before.items()])
         return f"Nothing was added: the error {HOLDOUT_KIND_TEXT[judge]} is {sizes}."
     further = len(added) - MAX_NAMED_EFFECTS
     rest = [f"{further} more effect{'s' if further > 1 else ''}"] if further > 0 else []
@@ -215,7 +215,7 @@ def _left(steps: Sequence[RepairStep], scale: ChannelScale, after: Mapping[str, 
     small = ratio <= MAX_ERROR_TO_NOISE_CALLED_NOISE
     if not left.exceeds_noise and small:
         return f"The remaining error is noise{ending}."
-    size = "as small as the noise, but not random" if small else f"{_number(ratio, 2)} times the noise"
+    size = "as small as the noise, but not random" if small else f"{plain_number(ratio, 2)} times the noise"
     described = f" ({left.description})" if left.description else ""
     text = f"The remaining error is {size}{described}"
     if not left.exceeds_noise:
@@ -240,8 +240,8 @@ def _change(before: Mapping[str, float], after: Mapping[str, float]) -> str:
             if new > (1 + MIN_NOTICEABLE_ERROR_CHANGE_SHARE) * old
             else ""
         )
-        said = f"from {_number(old)} to {_number(new)} {unit}"
-        parts.append(f"stays at {_number(old)} {unit}" if not verb else said if verb == last else f"{verb} {said}")
+        said = f"from {plain_number(old)} to {plain_number(new)} {unit}"
+        parts.append(f"stays at {plain_number(old)} {unit}" if not verb else said if verb == last else f"{verb} {said}")
         last = verb
     return join_names(parts)
 
@@ -252,7 +252,7 @@ def _on(name: str, joints: Sequence[str]) -> str:
     return f"{name} on {join_names(list(joints)) if len(joints) <= MAX_NAMED_JOINTS else f'{len(joints)} joints'}"
 
 
-def _number(value: float, digits: int = 3) -> str:
+def plain_number(value: float, digits: int = 3) -> str:
     """Format a number without an exponent, as long as that is easier to read."""
     return f"{float(f'{value:.{digits}g}'):g}"
 

@@ -13,6 +13,7 @@ from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.residual.missing_force import ForceCurve
 from armdyn.identify.sentence import MAX_NAMED_JOINTS, total_errors
 from armdyn.parameter import Parameter
+from armdyn.recording.channel_names import channel_full_name
 
 if TYPE_CHECKING:
     from armdyn.arm.closed_loop.rollout import SimulatedPositionError
@@ -65,17 +66,27 @@ def channel_table(found: Mapping[str, Any], caption: str) -> Table:
     return Table(columns, caption, "channels", "Statistics: noise, errors, χ² per sample, whiteness")
 
 
-def failing_range_section(title: str, places: Sequence[FailingRange]) -> Section:
-    """Section on the ranges of time, angle or speed in which a model fails, the worst first."""
+def failing_range_section(places: Sequence[FailingRange], units: Mapping[str, str]) -> Section:
+    """Section on the ranges of time, angle or speed in which a model fails, the worst first.
+
+    Args:
+        places: the ranges.
+        units: unit of each channel.
+    """
     worst = places[:MAX_LISTED_FAILING_RANGES]
     columns = [
-        *attribute_columns(worst, channel="", run="", against=""),
+        Column("channel", [channel_full_name(place.channel, units[place.channel]) for place in worst]),
+        Column("where", [place.quantity for place in worst]),
         Column("from", [place.start for place in worst], ".3g"),
         Column("to", [place.end for place in worst], ".3g"),
         *attribute_columns(worst, unit=""),
+        Column("run", [place.run or "all" for place in worst]),
         Column("χ² per sample", [place.chi2_per_sample for place in worst], ".3g"),
     ]
-    return Section(title, "" if worst else "It fails nowhere.", tables=[Table(columns)])
+    caption = (
+        "Ranges in which the squared error is largest; over the squared noise (χ²) it is 1 where only noise is left."
+    )
+    return Section("Where the model fails", tables=[Table(columns, caption)])
 
 
 def prediction_curves(

@@ -36,8 +36,8 @@ def discover(
     def page() -> Document:
         from pipeline.report.missing_force import missing_force_sections
 
-        added = " + ".join(one.effect for one in found.laws)
-        return replace(document, sections=[*missing_force_sections(found.missing_force, added), *document.sections])
+        missing = missing_force_sections(found.missing_force, "with what was found")
+        return replace(document, sections=[*missing, *document.sections])
 
     inputs.finish(given, document, lambda: _answer(found, output), page, written)
 

@@ -40,7 +40,7 @@ def ik_document(table: PathTable) -> Document:
             KeyFigure("path", path, extent),
             KeyFigure("core speed", f"{core:.3f} m/s", f"s = {low:g} to {high:g} m"),
             KeyFigure("joint margin", f"{table.joint_margin:.3f} rad"),
-            KeyFigure("acceleration", f"{table.acceleration_limit.min():.1f} m/s²", "joints, at full speed, least"),
+            KeyFigure("acceleration", f"{table.acceleration_limit.min():.1f} m/s^2", "joints, at full speed, least"),
             KeyFigure("torque at rest", f"{100 * overloaded:.0f} %", f"{100 * helped:.0f} % with springs"),
         ],
         sections=[Section("Along the path", tables=[_node_table(table)])],
@@ -76,7 +76,7 @@ def look_document(table: PathTable, s: np.ndarray, motion: JointMotion) -> Docum
     limits = [
         place,
         Column("largest speed [m/s]", table.speed_limit_at(s).tolist(), ".3f"),
-        Column("largest acceleration [m/s²]", table.acceleration_limit_at(s).tolist(), ".2f"),
+        Column("largest acceleration [m/s^2]", table.acceleration_limit_at(s).tolist(), ".2f"),
     ]
     tables = [of_joints(motion.q, "positions, rad or m"), Table(limits, caption="limits of the tool along the path")]
     tables += [of_joints(motion.v, "velocities, rad/s or m/s")] if motion.v.any() else []
@@ -96,8 +96,8 @@ def _node_table(table: PathTable) -> Table:
         [
             Column("s [m]", s.tolist(), ".3f"),
             Column("speed [m/s]", [float(table.speed_limit_at(at)) for at in s], ".3f"),
-            Column("acceleration [m/s²]", [float(table.acceleration_limit_at(at)) for at in s], ".2f"),
-            Column("by torque [m/s²]", np.minimum(-low, high).tolist(), ".2f"),
+            Column("acceleration [m/s^2]", [float(table.acceleration_limit_at(at)) for at in s], ".2f"),
+            Column("by torque [m/s^2]", np.minimum(-low, high).tolist(), ".2f"),
             Column("margin [rad]", table.margin[nodes].min(axis=1).tolist(), ".3f"),
             Column("torque", table.torque_share[nodes, 0].tolist(), ".0%"),
             Column("manipulability", table.manipulability[nodes, 0].tolist(), ".3f"),
@@ -120,7 +120,7 @@ def _speed_section(table: PathTable) -> Section:
     speed.add_scatter(x=table.s, y=table.speed_limit, name="speed", **MODEL_STYLE)
     by_joints = [table.acceleration_limit_at(table.s, 0.0 * table.s), table.acceleration_limit]
     acceleration = _along_path(
-        table, "acceleration [m/s²]", ("joints, at rest", "joints, at full speed"), np.transpose(by_joints)
+        table, "acceleration [m/s^2]", ("joints, at rest", "joints, at full speed"), np.transpose(by_joints)
     )
     for springs in (False, True) if table.torque.springs.any() else (False,):
         name = "torque, at rest, with springs" if springs else "torque, at rest"

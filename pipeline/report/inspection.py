@@ -76,7 +76,7 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
     from plotly.subplots import make_subplots
 
     figure = make_subplots(1, 2, column_widths=[0.7, 0.3], horizontal_spacing=0.09)
-    time, value = thinned_signal(channel, MAX_CHANNEL_CURVE_POINTS)
+    time, value = thinned_signal(channel.time, channel.value, MAX_CHANNEL_CURVE_POINTS)
     figure.add_scatter(
         x=time, y=value, mode="lines", line={"width": 1}, marker={"color": BLUE}, name=name, row=1, col=1
     )
@@ -91,7 +91,7 @@ def channel_chart(name: str, channel: Channel, checks: Sequence[Check]) -> Chart
     figure.update_xaxes(title_text=TIME_AXIS, row=1, col=1)
     figure.update_xaxes(title_text="frequency [Hz]", type="log", row=1, col=2)
     figure.update_yaxes(title_text=f"{name} [{channel.unit}]", row=1, col=1)
-    figure.update_yaxes(title_text=f"[{channel.unit}²/Hz]", type="log", row=1, col=2)
+    figure.update_yaxes(title_text=f"[({channel.unit})^2/Hz]", type="log", row=1, col=2)
     figure.update_layout(height=CHANNEL_CHART_HEIGHT_PIXELS, showlegend=False, margin={"t": 16, "b": 44})
     caption = " ".join(f"{check.severity.key}: {check.sentence}." for check in checks)
     return Chart(figure, caption)

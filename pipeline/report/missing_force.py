@@ -8,17 +8,18 @@ import numpy as np
 from armdyn.document import Chart, Section
 from armdyn.identify.residual.force_law import QUANTITY_BY_UNIT, RATE_QUANTITY, find_force_law
 from armdyn.identify.residual.missing_force import ForceCurve, pool_curves
+from armdyn.recording.channel_names import channel_short_name
 from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import (
     BAND_STYLE,
     BLUE,
     BLUE_BAND_FILL,
+    FOLLOWS_BULK,
     GREY,
     ORANGE,
     ORANGE_BAND_FILL,
     TEXT_COLOUR,
     WIDE_FIGURE,
-    channel_short_name,
 )
 
 MISSING_FORCE_TITLE = "The missing force"
@@ -42,12 +43,12 @@ BACKGROUND_LABEL = "with the background"
 COVARIATE_WORDS = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
-def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> list[Section]:
+def missing_force_sections(curves: Sequence[ForceCurve], added: str = "repaired") -> list[Section]:
     """One section with a figure of each joint's missing force; an empty list where there are no curves.
 
     Args:
         curves: missing force of each joint against each covariate; the largest force comes first.
-        added: names of the effects that the repair added, for the legend.
+        added: name of the model with the missing effects, for the legend.
     """
     charts = missing_force_charts(curves, added)
     tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts if chart.tab}
@@ -56,12 +57,12 @@ def missing_force_sections(curves: Sequence[ForceCurve], added: str = "") -> lis
     return [Section(title, hint, charts, tabs=tabs)] if charts else []
 
 
-def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[Chart]:
+def missing_force_charts(curves: Iterable[ForceCurve], added: str = "repaired") -> list[Chart]:
     """Figures of the missing force, one for each joint, pooled over all runs; the largest force comes first.
 
     Args:
         curves: missing force of each joint, run and covariate.
-        added: names of the effects that the repair added, for the legend; empty for "repaired".
+        added: name of the model with the missing effects, for the legend.
     """
     by_joint: dict[str | None, list[ForceCurve]] = {}
     for curve in pool_curves(curves):
@@ -72,7 +73,7 @@ def missing_force_charts(curves: Iterable[ForceCurve], added: str = "") -> list[
         nothing = f"None of the simple laws is clear{f' for {joint}' if joint else ''}."
         caption = f"Here {found.sentence}." if found else nothing
         caption += f" Shaded: ± {BAND_STANDARD_ERRORS:g} standard errors of the mean."
-        charts.append(Chart(_row(mine, added or "repaired"), caption, f"tau.{joint}" if joint else ""))
+        charts.append(Chart(_row(mine, added), caption, f"tau.{joint}" if joint else ""))
     return charts
 
 
@@ -84,7 +85,7 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
         "height": PANEL_HEIGHT_PIXELS,
         "margin": {"t": 40},
         "hovermode": "closest",
-        "meta": WIDE_FIGURE,
+        "meta": {**WIDE_FIGURE, **FOLLOWS_BULK},
     }
     layout["yaxis"] = {"title": {"text": f"missing {QUANTITY_BY_UNIT.get(unit, RATE_QUANTITY)} [{unit}]"}}
     traces: list[dict[str, Any]] = []

@@ -9,16 +9,17 @@ import numpy as np
 from armdyn.arm.closed_loop.rollout import SimulatedPositionError
 from armdyn.document import Chart, Section
 from armdyn.identify.tables import ROLE_WORDS, ROLLOUT_WORDS
-from armdyn.recording.channels import Channel, FloatArray
+from armdyn.recording.channel_names import channel_short_name
+from armdyn.recording.channels import FloatArray
 from pipeline.report.theme import (
     ACTUAL_STYLE,
+    ASIDE,
+    FOLLOWS_BULK,
     GREY,
-    MAX_PLOTTED_POINTS,
     MEASURED_STYLE,
     ORANGE,
     TIME_AXIS,
     WIDE_FIGURE,
-    channel_short_name,
     thinned_signal,
 )
 
@@ -56,7 +57,7 @@ def _picture(of: SimulatedPositionError) -> dict[str, Any]:
         "height": MOTION_CHART_HEIGHT_PIXELS,
         "margin": {"t": 30},
         "hovermode": "closest",
-        "meta": WIDE_FIGURE,
+        "meta": {**WIDE_FIGURE, **FOLLOWS_BULK},
     }
     layout["xaxis"] = {"title": {"text": TIME_AXIS}, "anchor": "y2"}
     top, bottom = (
@@ -64,20 +65,18 @@ def _picture(of: SimulatedPositionError) -> dict[str, Any]:
         ERROR_PANEL_SHARE_OF_HEIGHT - PANEL_GAP_SHARE_OF_HEIGHT,
     )
     layout["yaxis"] = {"title": {"text": f"position [{of.unit}]"}, "domain": [top, 1.0]}
-    layout["yaxis2"] = {"title": {"text": f"error [m{of.unit}]"}, "domain": [0.0, bottom], "anchor": "x"}
+    layout["yaxis2"] = {"title": {"text": f"error [{of.unit}]"}, "domain": [0.0, bottom], "anchor": "x"}
     told = {"mode": "lines", "line": {"color": ORANGE, "width": 1.5, "dash": "dash"}}
     traces = [
         *([_line(of, of.told, "commanded", told)] if of.told is not None else []),
         _line(of, of.measured, "measured", MEASURED_STYLE),
-        _line(of, of.simulated, "the model", ACTUAL_STYLE),
+        _line(of, of.simulated, "the model", {**ACTUAL_STYLE, **ASIDE}),
     ]
     if of.told is not None:
-        traces.append(_line(of, 1e3 * (of.told - of.measured), "commanded", {**told, "showlegend": False}, "y2"))
+        traces.append(_line(of, of.told - of.measured, "commanded", {**told, "showlegend": False}, "y2"))
     zero = {"mode": "lines", "line": {"color": GREY, "width": 1}, "hoverinfo": "skip", "showlegend": False}
     traces.append(_line(of, np.zeros(len(of.time)), "measured", zero, "y2"))
-    traces.append(
-        _line(of, 1e3 * (of.simulated - of.measured), "the model", {**ACTUAL_STYLE, "showlegend": False}, "y2")
-    )
+    traces.append(_line(of, of.simulated - of.measured, "the model", {**ACTUAL_STYLE, "showlegend": False}, "y2"))
     return {"data": traces, "layout": layout}
 
 
@@ -85,6 +84,6 @@ def _line(
     of: SimulatedPositionError, value: FloatArray, name: str, look: Mapping[str, Any], axis: str = "y"
 ) -> dict[str, Any]:
     there = np.isfinite(value)
-    time, shown = thinned_signal(Channel(of.time[there], np.clip(value[there], -1e3, 1e3), of.unit), MAX_PLOTTED_POINTS)
+    time, shown = thinned_signal(of.time[there], value[there])
     drawn = {"x": time.round(4).tolist(), "y": [float(f"{v:.5g}") for v in shown.tolist()]}
     return {"type": "scatter", "name": name, "legendgroup": name, "yaxis": axis, **drawn, **look}

@@ -28,10 +28,11 @@ def designed_motion_section(plan: ExperimentPlan, proposal: ProposedExperiment, 
     """
     sentence = ""
     if proposal.random_motion_chi2_increase is not None:
-        rise, random = proposal.expected.separation**2, proposal.random_motion_chi2_increase
+        random = proposal.random_motion_chi2_increase**0.5
         sentence = (
-            f"Chi² rises by at least {rise:.0f} when the wrong effect is refitted to what the right one predicts; "
-            f"along the median of the random motions with the same limits that the design began with, by {random:.2g}."
+            f"Fitted to what the right effect predicts, the wrong one stays {proposal.expected.separation:.1f} "
+            "standard deviations away or more; along the median of the random motions with the same limits, with "
+            f"which the design began, {random:.1f}."
         )
     first, *others = [PredictedExperiment(h, proposal.experiment) for h in plan.rivals.hypotheses]
     figure = stacked_figure({"gripper [m]": 0.3, "swing [rad]": 0.3, "remaining after a refit [σ]": 0.4}, 560)
@@ -85,8 +86,10 @@ def next_experiment_report(document: Document, plan: ExperimentPlan | None) -> D
             motion = moving.experiment.motion
             sections.append(designed_motion_section(plan, moving, motion))
             x, v, a = motion.peaks
-            figures.append(KeyFigure("Motion", f"{motion.duration:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s²"))
-            figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m²/s³", "integral of the squared acceleration"))
+            figures.append(
+                KeyFigure("Motion", f"{motion.duration:g} s", f"peaks {x:.2f} m, {v:.2f} m/s, {a:.1f} m/s^2")
+            )
+            figures.append(KeyFigure("Effort", f"{motion.effort:.1f} m^2/s^3", "integral of the squared acceleration"))
     return replace(document, sections=sections, key_figures=figures)
 
 
@@ -129,5 +132,5 @@ def _expected(stage: "InvestigationStage") -> str:
     if stage.proposal is None:
         return "the length"
     outlook, motion = stage.proposal.expected, stage.proposal.experiment.motion
-    effort = "" if motion is None else f", effort {motion.effort:.1f} m²/s³"
+    effort = "" if motion is None else f", effort {motion.effort:.1f} m^2/s^3"
     return f"{outlook.separation:.1f} std, {outlook.probability:.0%}{effort}"

@@ -14,11 +14,12 @@ from armdyn.identify.holdout import HoldoutKind
 from armdyn.identify.residual.block import ResidualBlock
 from armdyn.identify.residual.failing_ranges import FailingRange
 from armdyn.identify.study import Study
+from armdyn.recording.channel_names import channel_quantity, channel_short_name
 from armdyn.recording.channels import Channel, FloatArray
 from armdyn.recording.preparation import combined_preparations, preparation_sentence
 from armdyn.run import Run
 from pipeline.report.page import radio_buttons_html
-from pipeline.report.theme import MAX_PLOTTED_POINTS, channel_quantity, channel_short_name, thinned_signal
+from pipeline.report.theme import MAX_PLOTTED_POINTS, thinned_signal
 
 MAX_CURVE_VALUES_PER_PAGE = 200_000
 """Largest number of values of all curves together: about half a megabyte in the page."""
@@ -295,7 +296,7 @@ def _packed(curve: SignalOverlay, most: int) -> dict[str, Any]:
         "band": None if curve.half_width is None else quantised(curve.half_width[every]),
         "recorded": None
         if curve.recorded is None
-        else [quantised(row) for row in thinned_signal(curve.recorded, most)],
+        else [quantised(row) for row in thinned_signal(curve.recorded.time, curve.recorded.value, most)],
     }
 
 

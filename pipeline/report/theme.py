@@ -1,4 +1,4 @@
-"""Style of figures and numbers: colours, line styles, a template for plotly, stacked panels, names of channels."""
+"""Style of figures and numbers: colours, line styles, a template for plotly, stacked panels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armdyn.recording.channels import EXTRA_PREFIX, Channel, FloatArray
+from armdyn.recording.channels import FloatArray
 
 # Okabe and Ito's palette: people with any kind of colour vision can tell its colours apart (jfly.uni-koeln.de, 2008).
 BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
@@ -40,6 +40,7 @@ _AXIS = {
     "ticklen": 4,
     "title": {"standoff": 8, "font": {"size": 13}},
     "automargin": True,
+    "exponentformat": "power",  # no "µ" before a unit that has its own
 }
 
 PLOTLY_TEMPLATE: Mapping[str, Any] = {
@@ -82,6 +83,10 @@ LINKED_TIME_AXES = {"time_axis": True}
 """Layout metadata of a figure over time: the time axes of all such figures of a page zoom together."""
 WIDE_FIGURE = {"wide": True}
 """Layout metadata of a figure with many panels, which a narrow screen scrolls instead of shrinking it."""
+FOLLOWS_BULK = {"bulk": True}
+"""Layout metadata of a figure of measured values: its axes follow the bulk of them, and what lies outside is said."""
+ASIDE: Mapping[str, Any] = {"meta": {"aside": True}}
+"""Style of a curve that may widen an axis that follows the bulk to three times its length, and no further."""
 NamedIntervals = Sequence[tuple[str, float, float]]
 """Names of intervals of time, such as phases of a trial, each with its start and end [s]."""
 
@@ -157,50 +162,14 @@ def add_band(
     figure.add_scatter(x=both, y=edge, fill="toself", name=name, yaxis=axis, **BAND_STYLE)
 
 
-_OF_A_JOINT = {
-    "tau": "torque", "q": "position", "v": "velocity", "a": "acceleration", "q_cmd": "commanded position",
-    "v_cmd": "commanded velocity", "tau_ff": "commanded torque", "duty": "duty", "current": "current",
-    "voltage": "voltage", "enabled": "enabled",
-}  # fmt: skip
-_PENDULUM = {
-    "load_force": "string tension",
-    "swing_angle": "swing angle",
-    "swing_rate": "swing rate",
-    "gripper_x": "gripper position",
-    "gripper_v": "gripper velocity",
-    "gripper_a": "gripper acceleration",
-    "gripper_z": "gripper height",
-}
-
-
-def channel_quantity(channel: str, unit: str = "N m") -> str:
-    """Physical quantity of a channel, such as ``"torque"`` for ``tau.elbow``; with the unit N it is a force."""
-    kind, dot, _ = channel.partition(".")
-    if dot and kind in _OF_A_JOINT:
-        return "force" if kind == "tau" and unit == "N" else _OF_A_JOINT[kind]
-    return _PENDULUM.get(channel, channel.removeprefix(f"{EXTRA_PREFIX}.").replace("_", " "))
-
-
-def channel_short_name(channel: str) -> str:
-    """Short name of a channel: its joint, such as ``"elbow"`` for ``tau.elbow``, or else its quantity."""
-    kind, _, joint = channel.partition(".")
-    return joint if joint and kind in _OF_A_JOINT else channel_quantity(channel)
-
-
-def channel_full_name(channel: str, unit: str = "N m") -> str:
-    """Full name of a channel, such as ``"torque of elbow"`` for ``tau.elbow``."""
-    kind, _, joint = channel.partition(".")
-    name = channel_quantity(channel, unit)
-    return f"{name} of {joint}" if joint and kind in _OF_A_JOINT else name
-
-
 MAX_PLOTTED_POINTS = 3000
 """Largest number of drawn points of a curve; more points would only make the page larger."""
 
 
-def thinned_signal(channel: Channel, most: int = MAX_PLOTTED_POINTS) -> tuple[FloatArray, FloatArray]:
+def thinned_signal(
+    time: FloatArray, value: FloatArray, most: int = MAX_PLOTTED_POINTS
+) -> tuple[FloatArray, FloatArray]:
     """Times and values of a signal, thinned to about `most` samples: the two extremes of each interval of samples."""
-    time, value = channel.time, channel.value
     if len(value) > most:
         width = 2 * -(-len(value) // most)
         whole = len(value) // width * width

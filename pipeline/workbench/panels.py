@@ -5,13 +5,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from armdyn.identify.sentence import total_errors
+from armdyn.identify.sentence import plain_number, total_errors
 from armdyn.inspection.check import Inspection
+from armdyn.recording.channel_names import channel_full_name
 from pipeline.exports import formats
 from pipeline.report.inspection import checks_section
 from pipeline.report.overlay import FITTED_RUN, HELD_OUT_RUN, prediction_quality
 from pipeline.report.page import bar_cell_html, key_figure_html, table_html
-from pipeline.report.theme import channel_full_name, number_text
 from pipeline.workbench.bench import ParameterSlider, SelectedEffectsModel, Workbench
 
 PARAMETER_SOURCE_SENTENCES = {
@@ -79,15 +79,15 @@ def errors_panel(state: SelectedEffectsModel) -> str:
             continue
         for unit in dict.fromkeys(units.values()):
             before, after = (prediction_quality([c for c in mine if c.unit == unit], step).rmse for step in (0, 1))
-            note = f"as given {number_text(before, unit)}"
+            note = f"as given {plain_number(before)} {unit}"
             if before and after != before:
                 note += f", {100.0 * (after / before - 1.0):+.0f} %".replace("-", "−")
             value = f" data-value='{after!r}'"
-            figures.append(key_figure_html(f"Error, {kind} runs", number_text(after, unit), note, value))
+            figures.append(key_figure_html(f"Error, {kind} runs", f"{plain_number(after)} {unit}", note, value))
     if state.others and not any(curve.kind == HELD_OUT_RUN for curve in state.curves):
         for unit, error in total_errors(state.others, units).items():
             text, value = "Error, runs predicted from the others", f" data-value='{error!r}'"
-            figures.append(key_figure_html(text, number_text(error, unit), "", value))
+            figures.append(key_figure_html(text, f"{plain_number(error)} {unit}", "", value))
     how = f"<p class='how {state.how.replace(' ', '-')}'>{PARAMETER_SOURCE_SENTENCES[state.how]}</p>"
     return f"<div class='keys'>{''.join(figures)}</div>{how}{_where(state, units)}"
 
@@ -98,7 +98,7 @@ def _where(state: SelectedEffectsModel, units: Mapping[str, str]) -> str:
         name = channel_full_name(place.channel, units[place.channel])
         within = f" in {place.run}" if place.run else ""
         span = f"from {place.start:.3g} to {place.end:.3g} {place.unit}{within}"
-        worst.setdefault((place.channel, place.against), f"{name} against {place.against}, {span}")
+        worst.setdefault((place.channel, place.against), f"{name} against {place.quantity}, {span}")
     if not worst:
         return ""
     return (
@@ -144,7 +144,7 @@ def ranking_panel(answer: Mapping[str, Any]) -> str:
         places = f" on {listed}" if joints else ""
         label = f"{effect}:{','.join(joints)}" if joints else effect
         tie = f"<br><span class='tie'>these runs cannot distinguish it from {escape(ties)}</span>" if ties else ""
-        left = ", ".join(number_text(error, unit) for unit, error in after.items())
+        left = ", ".join(f"{plain_number(error)} {unit}" for unit, error in after.items())
         rows.append(
             f"<tr><td><b>{escape(effect)}</b>{escape(places)}{tie}</td>{bar_cell_html(left, share, judged=False)}"
             f"<td><button type='button' data-try='{escape(label)}'>try</button></td></tr>"

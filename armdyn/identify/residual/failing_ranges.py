@@ -8,6 +8,7 @@ import numpy as np
 from armdyn.identify.fit import Fit
 from armdyn.identify.residual.block import ResidualBlock, blocks_by_channel, chi2_sum, chi2_z_value, sample_count
 from armdyn.identify.settings import VerdictSettings
+from armdyn.recording.channel_names import channel_full_name
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Channel
 
@@ -42,6 +43,13 @@ class FailingRange:
     unit: str
     chi2_per_sample: float
     share: float
+
+    @property
+    def quantity(self) -> str:
+        """Quantity of the range in words, such as ``"velocity of elbow"``."""
+        side = "sign of "
+        name = channel_full_name(self.against.removeprefix(side))
+        return f"the {side}{name}" if self.against.startswith(side) else "whole run" if name == "run" else name
 
     @property
     def sentence(self) -> str:

@@ -205,7 +205,7 @@ def _term(shape: ForceShape, value: float, scale: float, curve: ForceCurve) -> F
 
 def _said(term: ForceTerm, what: str, grows: bool) -> str:
     size = term.size if term.shape is CONSTANT_SHAPE else abs(term.size)
-    number = f"{float(f'{size:.2g}'):g} {term.unit}".replace("^2", "²")
+    number = f"{float(f'{size:.2g}'):g} {term.unit}"
     against = "predicted load" if term.against == "load" else term.against.replace("_", " ")
     return term.shape.words.format(size=number, sense="grows" if grows else "falls", what=what, against=against)
 

@@ -25,6 +25,43 @@ const armdynFigures = ({ template, dark: darker }) => {
     }
     return small;
   };
+  // Axes of measured values follow the bulk of them: a spike leaves its axis, and is said below the figure. The bulk of a
+  // curve is where 98 of 100 values are, and half as much on either side; curves that stand aside may widen it to thrice.
+  const plain = (values) => (values?.bdata
+    ? new { f4: Float32Array, f8: Float64Array }[values.dtype](Uint8Array.from(atob(values.bdata), (c) => c.charCodeAt(0)).buffer)
+    : values);
+  const bulk = (values) => {
+    const sorted = Float64Array.from(values.filter(Number.isFinite)).sort(), last = sorted.length - 1;
+    const [low, high] = [0.01, 0.99].map((share) => sorted[Math.round(share * last)]), spare = (high - low) / 2;
+    return low < high ? [Math.max(sorted[0], low - spare), Math.min(sorted[last], high + spare)] : [sorted[0], sorted[last]];
+  };
+  const hull = (ranges) => [Math.min(...ranges.map((r) => r[0])), Math.max(...ranges.map((r) => r[1]))];
+  const followed = ({ data, layout }) => {
+    const axes = {}, said = [];
+    for (const [key, axis] of Object.entries(layout).filter(([name, a]) => /^[xy]axis/.test(name) && !a.range)) {
+      const short = key.replace("axis", ""), along = key[0];
+      const curves = data.filter((trace) => (trace[`${along}axis`] || along) === short)
+        .map((trace) => ({ trace, values: Array.from(plain(trace[along])) })).filter(({ values }) => values.some(Number.isFinite));
+      if (!curves.length) continue;
+      const whole = hull(curves.map(({ values }) => hull([bulk(values)])));
+      const [low, high] = hull(curves.filter(({ trace }) => !trace.meta?.aside).map(({ values }) => bulk(values)));
+      const [from, to] = [Math.max(whole[0], low - (high - low)), Math.min(whole[1], high + (high - low))];
+      const unit = /\[(.+)\]/.exec(axis.title?.text ?? "")?.[1] ?? "";
+      const lost = new Map();
+      curves.forEach(({ trace, values }) => {
+        const name = `${trace.name ?? trace.legendgroup}${trace.fill ? " (band)" : ""}`;
+        const outside = values.filter((v) => v < from || v > to);
+        if (outside.length) lost.set(name, [...(lost.get(name) ?? []), ...outside]);
+      });
+      if (!lost.size) continue;
+      lost.forEach((outside, name) => {
+        const far = outside.reduce((most, v) => (Math.abs(v) > Math.abs(most) ? v : most));
+        said.push(`${outside.length} of “${name}”, up to ${far.toPrecision(3).replace("-", "−")} ${unit}`);
+      });
+      axes[key] = { ...axis, range: [from - 0.05 * (to - from), to + 0.05 * (to - from)] };
+    }
+    return { axes, said: said.length ? `Points outside the axes: ${said.join("; ")}. A double click shows all.` : "" };
+  };
   const config = {
     responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover",
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
@@ -34,7 +71,9 @@ const armdynFigures = ({ template, dark: darker }) => {
   const heard = new WeakSet();
   const draw = (place, { data, layout }) => {
     shown.set(place, { data, layout });
-    const whole = { uirevision: "kept", ...fitted(painted(layout)), template: painted(template), autosize: true };
+    const { axes, said } = layout.meta?.bulk ? followed({ data, layout }) : {};
+    tell(place.closest(".wide") ?? place, said ?? "");
+    const whole = { uirevision: "kept", ...fitted(painted({ ...layout, ...axes })), template: painted(template), autosize: true };
     const { top, y } = settled.get(place) ?? {};
     if (top) [whole.margin, whole.legend] = [{ ...whole.margin, t: top }, { ...whole.legend, y }];
     const done = Plotly.react(place, painted(data), whole, config);
@@ -45,6 +84,12 @@ const armdynFigures = ({ template, dark: darker }) => {
       if (layout.meta?.time_axis) place.on("plotly_relayout", (change) => zoomed(place, change));
     }
     return done;
+  };
+  const tell = (place, text) => {
+    const next = place.nextElementSibling;
+    const line = next?.matches(".outside") ? next : Object.assign(document.createElement("p"), { className: "outside" });
+    if (text && line !== next) place.after(line);
+    line.textContent = text;
   };
   // A legend stands above the curves, however many rows it has, and below the tool bar where that is in its way.
   const settle = (place) => {

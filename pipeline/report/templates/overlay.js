@@ -58,10 +58,10 @@ const armdynOverlay = (place, data, draw) => {
     const size = time.length > 400 ? 3 : 5;
     const dots = { mode: "markers", marker: { color: "#7B8794", size } };
     const line = (color, width, dash) => ({ mode: "lines", line: { color, width, dash } });
-    const traces = [];
+    const aside = { aside: true }, traces = [];
     if (curve.recorded) {
       const [x, y] = curve.recorded.map(values);
-      traces.push({ x, y, name: "as recorded", hoverinfo: "skip", ...line("#CBD2D9", 1) });
+      traces.push({ x, y, name: "as recorded", meta: aside, hoverinfo: "skip", ...line("#CBD2D9", 1) });
     }
     // The band is that of the last step; a model that was changed in the page has none.
     if (curve.band && now.step === data.steps.length - 1) {
@@ -74,19 +74,17 @@ const armdynOverlay = (place, data, draw) => {
     }
     traces.push({ x: time, y: measured, name: "measured", ...dots });
     const after = now.step > 0;
-    traces.push({ x: time, y: minus(given), name: "predicted as given", ...(after ? line("#E69F00", 1.5, "4px,2px") : line("#0072B2", 2)) });
-    if (after) traces.push({ x: time, y: minus(chosen), name: `predicted, step ${now.step}`, ...line("#0072B2", 2) });
+    traces.push({ x: time, y: minus(given), name: after ? "as given" : "predicted", meta: after ? aside : {}, ...(after ? line("#E69F00", 1.5, "4px,2px") : line("#0072B2", 2)) });
+    if (after) traces.push({ x: time, y: minus(chosen), name: "predicted", ...line("#0072B2", 2) });
     const ends = [time[0], time[time.length - 1]], bound = 2 * curve.noise;
     traces.push({
-      x: [...ends, ...ends.toReversed()], y: [bound, bound, -bound, -bound], yaxis: "y2", name: "± 2 std of the noise",
-      mode: "lines", line: { width: 0 }, fill: "toself", fillcolor: "rgba(0, 114, 178, 0.18)", hoverinfo: "skip",
+      x: [...ends, ...ends.toReversed()], y: [bound, bound, -bound, -bound], yaxis: "y2", name: "noise ± 2 std",
+      mode: "lines", line: { width: 0 }, fill: "toself", fillcolor: "rgba(123, 135, 148, 0.25)", hoverinfo: "skip",
     });
-    const below = { yaxis: "y2", showlegend: false };
-    if (after) traces.push({ x: time, y: given, name: "residual as given", ...below, ...line("#E69F00", 1) });
-    traces.push({ x: time, y: chosen, name: "residual", ...below, ...line("#0072B2", 1.2) });
+    traces.push({ x: time, y: chosen, name: "residual", yaxis: "y2", showlegend: false, ...line("#0072B2", 1.2) });
     const from = curve.recorded ? values(curve.recorded[0]) : time;
     const layout = {
-      height: 460, meta: { time_axis: true }, uirevision: `${curve.run} ${curve.kind}`,
+      height: 460, meta: { time_axis: true, bulk: true }, uirevision: `${curve.run} ${curve.kind}`,
       xaxis: { title: { text: "time [s]" }, anchor: "y2", range: [from[0], from[from.length - 1]] },
       yaxis: { title: { text: `${quantity} [${curve.unit}]` }, domain: [0.42, 1], anchor: "x" },
       yaxis2: { title: { text: `residual [${curve.unit}]` }, domain: [0, 0.36], anchor: "x" },

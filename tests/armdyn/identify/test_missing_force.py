@@ -95,7 +95,7 @@ def test_what_slows_one_of_several_speeds_is_friction():
         "a", "lower_rate", "rad/s^2", time, -speed + 0.1 * rng.normal(size=1000), {"speed": (speed, "rad/s")}
     )
     told = find_force_law(force_curves([slowed])).sentence
-    assert told.startswith("the missing acceleration of lower_rate grows in proportion to the speed, by 1 rad/s²")
+    assert told.startswith("the missing acceleration of lower_rate grows in proportion to the speed, by 1 rad/s^2")
     assert told.endswith(": viscous friction")
 
 
@@ -132,13 +132,13 @@ def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
     ("drag", "more"),
     [
         (0.0, ": dry friction"),
-        (-0.02, " and grows with the square of the speed, by 0.02 rad/s² per (rad/s)²: dry friction and air drag"),
+        (-0.02, " and grows with the square of the speed, by 0.02 rad/s^2 per (rad/s)^2: dry friction and air drag"),
     ],
 )
 def test_a_swing_is_slowed_in_words_of_a_swing(drag, more):
     slowed = _samples(0, -0.17, drag, noise=0.01)
     swing = MissingForce("a.csv", None, "rad/s^2", slowed.time, slowed.value, slowed.against)
-    expected = f"the missing acceleration steps by 0.34 rad/s² where the swing reverses{more}"
+    expected = f"the missing acceleration steps by 0.34 rad/s^2 where the swing reverses{more}"
     assert find_force_law(force_curves([swing])).sentence == expected
 
 

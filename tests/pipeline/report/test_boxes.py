@@ -5,9 +5,14 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 from browser import Browser, chromium
 from scipy.integrate import solve_ivp
+
+from armdyn.document import Chart, Document, Section
+from pipeline.report.page import write_page
+from pipeline.report.theme import FOLLOWS_BULK
 
 ROOT = Path(__file__).parents[3]
 OVERLAPS = """(() => {
@@ -18,6 +23,7 @@ OVERLAPS = """(() => {
   document.querySelectorAll(".js-plotly-plot").forEach((chart) => {
     if (!chart.offsetParent) return;
     const [legend, bar] = [".legend", ".modebar"].map((part) => box(chart.querySelector(part)));
+    if (legend && legend.height > 0.18 * box(chart).height) found.push(`${chart.id}: a legend of ${legend.height} px`);
     if (over(legend, bar)) found.push(`${chart.id}: legend and tool bar`);
     chart.querySelectorAll(".bglayer rect, .plotbg, .xtitle, .ytitle").forEach((part) => {
       if (over(legend, box(part))) found.push(`${chart.id}: legend and ${part.getAttribute("class")}`);
@@ -85,4 +91,25 @@ def test_no_part_of_a_page_lies_over_another(write, new, tmp_path, monkeypatch, 
             count, *found = tab.ask(OVERLAPS)
             assert count > 2
             assert not found, (width, json.dumps(found))
+        assert not tab.errors
+
+
+def test_a_spike_leaves_the_axis_and_is_told(tmp_path):
+    chromium()
+    time, rng = np.arange(0.0, 10.0, 0.01), np.random.default_rng(0)
+    value = rng.normal(size=len(time))
+    charts = []
+    for spikes in ((), (400, 401, 800)):
+        figure = go.Figure(layout={"height": 300, "meta": FOLLOWS_BULK})
+        figure.add_scatter(x=time, y=np.where(np.isin(np.arange(len(time)), spikes), -500.0, value), name="samples")
+        charts.append(Chart(figure.update_yaxes(title_text="residual [N m]").update_xaxes(title_text="time [s]")))
+    write_page(Document("Spikes", "some", [Section("Two", charts=charts)]), tmp_path / "r.html")
+    with Browser() as tab:
+        tab.go((tmp_path / "r.html").as_uri())
+        tab.wait("document.body.dataset.ready === 'yes'")
+        calm, torn = tab.ask("[...document.querySelectorAll('.chart')].map((chart) => chart._fullLayout.yaxis.range)")
+        assert calm[0] < value.min() < value.max() < calm[1]
+        assert -10.0 < torn[0] < torn[1] < 10.0
+        (said,) = tab.ask("[...document.querySelectorAll('.outside')].map((line) => line.textContent)")
+        assert said.startswith("Points outside the axes: 3 of “samples”, up to −500 N m.")
         assert not tab.errors

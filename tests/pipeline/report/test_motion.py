@@ -1,5 +1,7 @@
 """The picture of an arm's motion shows the run that is most independent of the fit, and how far off the model is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,8 +28,17 @@ def test_the_most_independent_run_is_drawn_once_for_each_joint():
     assert (elbow.tab, wrist.tab) == ("tau.elbow", "tau.wrist")
     assert "elbow in b (held-out)" in elbow.caption
     below = {trace["name"]: trace for trace in elbow.figure["data"] if trace["yaxis"] == "y2"}
-    assert below["the model"]["y"] == pytest.approx([2.0] * len(TIME), rel=1e-4)
-    assert below["commanded"]["y"] == pytest.approx([100.0] * len(TIME), rel=1e-4)
+    assert below["the model"]["y"] == pytest.approx([0.002] * len(TIME), rel=1e-4)
+    assert elbow.figure["layout"]["yaxis2"]["title"]["text"] == "error [rad]"
+    assert below["commanded"]["y"] == pytest.approx([0.1] * len(TIME), rel=1e-4)
+
+
+def test_a_motion_that_runs_away_is_drawn_where_it_goes():
+    away = replace(moved("held_out", "b"), simulated=np.sin(TIME) + 2e3 * TIME)
+    (chart,) = motion_charts([away])
+    *_, last = (trace for trace in chart.figure["data"] if trace["name"] == "the model")
+    assert max(last["y"]) == pytest.approx(8e3)
+    assert chart.figure["layout"]["meta"]["bulk"]
 
 
 def test_of_what_pulls_nothing_back_the_longest_windows_are_drawn_without_a_command():

@@ -109,7 +109,7 @@ def test_the_pages_first_numbers_are_explained_torque_and_error_in_newton_metres
 
 
 def test_a_diagnosis_shows_what_its_effects_would_change(reports):
-    overlay, evidence = reports["diagnose"].sections[1:3]
+    evidence, _, overlay = reports["diagnose"].sections[:3]
     columns = {column.name: column for column in evidence.tables[0].columns}
     assert columns["effect"].values[0] == HIDDEN
     assert 0.0 < columns["error"].bar_lengths[0] < 1.0
@@ -118,7 +118,9 @@ def test_a_diagnosis_shows_what_its_effects_would_change(reports):
 
 @pytest.mark.parametrize("name", ["compare", "diagnose", "repair"])
 def test_the_first_picture_is_the_missing_force(reports, name):
-    first = reports[name].sections[0]
+    answer, first = reports[name].sections[:2]
+    assert answer.title == "Which effect is missing" if name == "diagnose" else "Parameters"
+    assert not answer.charts
     assert first.title == "The missing force"
     assert set(first.tabs) == {f"tau.{joint}" for joint in JOINTS}
     for chart in first.charts:
@@ -128,13 +130,48 @@ def test_the_first_picture_is_the_missing_force(reports, name):
         assert layout["yaxis"]["title"]["text"] == "missing torque [N m]"
         assert f"of {chart.tab.removeprefix('tau.')} grows in proportion to the speed, by " in chart.caption
         legend = [t["name"] for t in chart.figure["data"] if t["showlegend"] and "name" in t]
-        assert legend == ["as given"] if name == "compare" else legend[0] == "as given" and HIDDEN in legend[1]
+        assert (
+            legend
+            == {
+                "compare": ["as given"],
+                "diagnose": ["as given", "with what is missing"],
+                "repair": ["as given", "repaired"],
+            }[name]
+        )
     page = page_html(reports[name])
     assert page.index("The missing force") < page.index("Measured and predicted")
     assert len(page) < 3_000_000
 
 
-def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path):
+def test_of_each_joint_the_first_residual_is_that_against_its_own_velocity(reports):
+    for report in reports.values():
+        charts = report.section("What the residual depends on").charts
+        first = {chart.tab: chart for chart in reversed(charts)}
+        for joint in JOINTS:
+            title = first[f"tau.{joint}"].figure.layout.xaxis.title.text
+            assert title == f"velocity of {joint} [rad/s]"
+
+
+def test_the_page_and_the_answer_have_one_noise(found, reports):
+    (table,) = reports["repair"].section("Errors").tables
+    columns = {column.heading: column.values for column in table.columns}
+    assert columns["channel"] == [f"torque of {joint}" for joint in JOINTS]
+    assert columns["noise std"] == [channel.noise_std for channel in found.after.channels.values()]
+    total = np.sqrt(sum(channel.noise_std**2 for channel in found.after.channels.values()))
+    assert reports["repair"].key_figures[-1].note.endswith(f"noise {total:.3g} N m")
+
+
+def test_where_a_model_fails_is_said_in_words_before_what_the_residual_depends_on(reports):
+    titles = [section.title for section in reports["compare"].sections]
+    assert titles.index("Where the model fails") < titles.index("What the residual depends on")
+    (table,) = reports["compare"].section("Where the model fails").tables
+    columns = {column.heading: column.texts for column in table.columns}
+    assert {text.partition(" of ")[0] for text in columns["channel"]} == {"torque"}
+    assert f"velocity of {columns['channel'][0].partition(' of ')[2]}" in columns["where"]
+    assert table.caption
+
+
+def test_a_browser_shows_the_chosen_joint_run_and_step(found, reports, shown, tmp_path):
     """What stands there after the page's script has run: the line above the curves, and the chosen tab."""
     page = tmp_path / "repair.html"
     page.write_text(page_html(reports["repair"]))
@@ -147,6 +184,14 @@ def test_a_browser_shows_the_chosen_joint_run_and_step(reports, shown, tmp_path)
         assert text.endswith(
             f"error {prediction_quality([curve], 0).rmse:.3g} N m"
         )  # and no "as given": this is the model as given
+        curves = "document.querySelector('.widget .chart')._fullData"
+        bands = tab.ask(f"{curves}.filter((trace) => trace.fill === 'toself').map((trace) => trace.fillcolor)")
+        assert len(bands) == len(set(bands)) == 1  # of the model as given there is only that of the noise
+        tab.click(f"[data-control=step][value='{len(found.path) - 1}']")
+        bands = tab.ask(f"{curves}.filter((trace) => trace.fill === 'toself').map((trace) => trace.fillcolor)")
+        assert len(bands) == len(set(bands)) == 2
+        low, high = tab.ask("document.querySelector('.widget .chart')._fullLayout.yaxis2.range")
+        assert high - low < np.ptp(curve.residuals[0])  # the axis is that of the chosen step, not of the model as given
         # The curves, and what the residual of this joint depends on.
         assert tab.ask("document.querySelectorAll('.plot-container').length") >= 2
         assert tab.errors == []
@@ -158,7 +203,7 @@ def test_what_was_done_to_measured_torques_is_shown_said_and_answered():
     assert list(answer) == [block.channel for block in fit.blocks]
     for curve, block in zip(training_overlays([fit]), fit.blocks, strict=True):
         raw = run.channels[block.channel]
-        time, value = thinned_signal(curve.recorded)
+        time, value = thinned_signal(curve.recorded.time, curve.recorded.value)
         assert len(curve.time) < len(time) <= MAX_PLOTTED_POINTS + 1
         assert (value.min(), value.max()) == (raw.value.min(), raw.value.max())
         assert (time[0], time[-1]) == pytest.approx((raw.time[0], raw.time[-1]), abs=0.05)

@@ -54,7 +54,9 @@ def test_what_is_predicted_of_an_arm_is_what_a_refit_finds(bench):
 def test_it_says_where_the_model_fails_until_only_noise_is_left(bench):
     text = panels.errors_panel(bench.given_state)
     assert "Fails most: torque of" in text
-    assert f"v.{bench.given_state.places[0].channel.partition('.')[2]}" in text  # a friction depends on the speed
+    assert (
+        f"against velocity of {bench.given_state.places[0].channel.partition('.')[2]}" in text
+    )  # a friction depends on the speed
     before, after = (sum(place.chi2_per_sample for place in bench.refit(e).places) for e in ([], FRICTION))
     assert after < 0.05 * before
 
