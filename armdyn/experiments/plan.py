@@ -374,8 +374,8 @@ def other_experiments(rivals: Rivals, seconds: float) -> list[PlannedExperiment]
     weight, weighing = OTHER_LOAD_MASS_RATIO * mass, WEIGHING_ERROR_SHARE * mass
 
     def varied(kind: str, how: str, noise: Mapping[str, float] = noise, **changes: Any) -> PlannedExperiment:
-        again = "the last motion again" if released is None else "the last swing again"
-        return PlannedExperiment(kind, f"{again}, {how}", last, noise, released=released, **changes)
+        again = "repeat the last motion" if released is None else "repeat the last swing"
+        return PlannedExperiment(kind, f"{again} {how}", last, noise, released=released, **changes)
 
     found = [
         varied(

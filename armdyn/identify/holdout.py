@@ -96,7 +96,7 @@ def _stated_apart(problem: Problem, alone: Problem) -> np.ndarray:
 class HoldoutKind(Enum):
     """Kind of the runs on which an error was measured; the value is a text on how these runs were used."""
 
-    EXAM = "exam: runs that took part in nothing, neither in a fit nor in choosing"
-    HELD_OUT = "held out: runs that took part in choosing the effects, and in no fit"
-    LEAVE_ONE_OUT = "held out: each run predicted from the others; these errors took part in choosing the effects"
+    EXAM = "exam: runs that were neither fitted nor used to choose the effects"
+    HELD_OUT = "held out: runs that helped to choose the effects, and were not fitted"
+    LEAVE_ONE_OUT = "held out: each run predicted from the others; these errors helped to choose the effects"
     TRAINING = "a single run: nothing was held out"

@@ -281,8 +281,8 @@ def relative_error(rmse: Mapping[str, float], given: Mapping[str, float], scale:
 ROLE_WORDS = {"exam": "exam", "held_out": "held-out", "training": "training"}
 ROLLOUT_WORDS = {
     "closed_loop": "whole recordings in closed loop",
-    "window_0.5": "windows of 0.5 s",
-    "window_5": "windows of 5 s",
+    "window_0.5": "pieces of 0.5 s",
+    "window_5": "pieces of 5 s",
 }
 
 
@@ -362,7 +362,7 @@ def link_section(links: Sequence["LinkInertiaChange"]) -> Section:
     """Section on the links of an arm that a repair changed: values, which of them the runs determine, warnings."""
     every = [q for link in links for q in link.quantities]
     determined = sum(q.determined for q in every)
-    text = f"These runs determine {determined} of {len(every)} values. "
+    text = f"These runs determine {determined} of the {len(every)} values of the links below. "
     if determined < len(every):
         text += (
             "Torques tell sums over several links; a value of a single link that is not determined may be wrong "

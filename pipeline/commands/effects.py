@@ -1,6 +1,8 @@
 """The command `armdyn effects`: list the effects that a model can have."""
 
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from pipeline.console.options import EffectsOption, JsonOption
 from pipeline.console.screen import screen_console, write_json_if_file_given
@@ -8,14 +10,21 @@ from pipeline.console.screen import screen_console, write_json_if_file_given
 HELP_PANEL = "Models"
 
 
-def effects(effects_file: EffectsOption = None, json_file: JsonOption = None) -> None:
+def effects(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[EFFECT...]", help="Effects to list; by default all.")
+    ] = None,
+    effects_file: EffectsOption = None,
+    json_file: JsonOption = None,
+) -> None:
     """List the physical effects that a model can have, with their parameters."""
-    from armdyn.effects.catalogue import CATALOGUE
+    from armdyn.effects.catalogue import CATALOGUE, find
     from armdyn.effects.effect import Effect
     from armdyn.effects.user import load_effects
     from pipeline.fields import attributes_as_json
 
     known = (*CATALOGUE.values(), *load_effects(effects_file))
+    known = tuple(find(name, known) for name in names) if names else known
 
     def answer(effect: Effect) -> dict[str, Any]:
         names = "unit null typical meaning=summary scope lower upper"

@@ -17,8 +17,9 @@ from urdf.robot import Limits
 MAX_VIOLATION_ROWS = 50
 """Largest number of violations that a table lists; the JSON lists all."""
 LIMIT_TABLE_CAPTION = (
-    "The tightest limit of each kind comes first. Used: for a position from the middle of its range to its bound, else "
-    "from 0. Singularity: the smallest singular value of the tool's Jacobian, 0 where the tool cannot move one way."
+    "The tightest limit of each kind comes first. Share of the limit: for a position from the middle of its range to "
+    "its bound, else from 0. Singularity: the smallest singular value of the tool's Jacobian, 0 where the tool cannot "
+    "move one way."
 )
 MAX_LIMIT_CURVE_POINTS = 1500
 """Largest number of drawn samples of a curve of a limit's used share."""
@@ -59,8 +60,8 @@ def _violation_section(report: FeasibilityReport) -> Section:
     listed = report.violations[:MAX_VIOLATION_ROWS]
     more = f" The first {MAX_VIOLATION_ROWS} are listed." if len(report.violations) > MAX_VIOLATION_ROWS else ""
     columns = [
-        Column("limit", [_words(v.limit) for v in listed]),
-        Column("of", [v.joint for v in listed]),
+        Column("quantity", [_words(v.limit) for v in listed]),
+        Column("joint", [v.joint for v in listed]),
         Column("at [s]", [v.time for v in listed], ".3f"),
         *attribute_columns(listed, value=".4g", bound=".4g", unit=""),
     ]
@@ -100,12 +101,13 @@ def limit_margin_section(margins: Sequence[LimitMargin]) -> Section:
         )
     used = [margin.used_share for margin in ordered]
     columns = [
-        Column("limit", [_words(margin.limit) for margin in ordered]),
-        Column("of", [margin.joint for margin in ordered]),
-        Column("closest", [margin.value for margin in ordered], ".3g"),
-        *attribute_columns(ordered, bound=".3g", unit=""),
+        Column("quantity", [_words(margin.limit) for margin in ordered]),
+        Column("joint", [margin.joint for margin in ordered]),
+        Column("value nearest its limit", [margin.value for margin in ordered], ".3g"),
+        Column("limit", [margin.bound for margin in ordered], ".3g"),
+        *attribute_columns(ordered, unit=""),
         Column("at [s]", [margin.time for margin in ordered], ".2f"),
-        Column("used", list(map(percent_text, used)), bar_lengths=used, bar_coloured_by_length=True),
+        Column("share of the limit", list(map(percent_text, used)), bar_lengths=used, bar_coloured_by_length=True),
     ]
     return Section("Limits", sentence, tables=[Table(columns, LIMIT_TABLE_CAPTION)])
 

@@ -51,7 +51,7 @@ class ForceShape:
 
 DRY_FRICTION_EFFECTS = ("coulomb", "asymmetric", "stribeck", "load_friction")
 STEP_SHAPE = ForceShape(
-    np.sign, "steps by {size} where the {what} reverses", 2.0, 0, "dry friction", DRY_FRICTION_EFFECTS
+    np.sign, "steps by {size} where the {what} reverses", 2.0, 0, "dry friction of half that size", DRY_FRICTION_EFFECTS
 )
 VISCOUS_SHAPE = ForceShape(
     np.positive, "{sense} in proportion to the speed, by {size}",

@@ -59,7 +59,7 @@ def test_the_exams_error_is_in_table_answer_and_model_file(armdyn, tmp_path):
     command = "add", "m.toml", "sensor_bias", "a.csv", "--exam", "exam.csv", "--output", "out.toml"
     status, out, err = armdyn(*command, "--json", "a.json")
     assert status == 0, err
-    assert "Exam: runs that took part in nothing" in out
+    assert "Exam: runs that were neither fitted" in out
     answer = json.loads((tmp_path / "a.json").read_text())
     assert all(step["exam_rmse"]["load_force"] > 0 for step in answer["steps"])
     assert answer["channels"]["load_force"]["exam_rmse"] == answer["steps"][-1]["exam_rmse"]["load_force"]

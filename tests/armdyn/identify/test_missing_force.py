@@ -74,7 +74,9 @@ def test_what_is_left_of_a_repaired_force_is_flat(repaired):
 
 @pytest.mark.parametrize("answer", [compare, diagnose, repair])
 def test_the_sentence_tells_the_law_and_its_size(study, answer):
-    expected = f"The missing torque of {JOINT} steps by 2.4 N m where the joint reverses: dry friction. "
+    expected = (
+        f"The missing torque of {JOINT} steps by 2.4 N m where the joint reverses: dry friction of half that size. "
+    )
     found = answer(study)
     told = found.sentence if answer is compare else found.remarks
     assert f"{told} ".startswith(expected)
@@ -131,8 +133,12 @@ def test_a_law_is_told_by_its_shape_with_its_size(friction, drag, shapes):
 @pytest.mark.parametrize(
     ("drag", "more"),
     [
-        (0.0, ": dry friction"),
-        (-0.02, " and grows with the square of the speed, by 0.02 rad/s^2 per (rad/s)^2: dry friction and air drag"),
+        (0.0, ": dry friction of half that size"),
+        (
+            -0.02,
+            " and grows with the square of the speed, by 0.02 rad/s^2 per (rad/s)^2: dry friction of half that size "
+            "and air drag",
+        ),
     ],
 )
 def test_a_swing_is_slowed_in_words_of_a_swing(drag, more):

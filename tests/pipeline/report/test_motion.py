@@ -44,7 +44,7 @@ def test_a_motion_that_runs_away_is_drawn_where_it_goes():
 def test_of_what_pulls_nothing_back_the_longest_windows_are_drawn_without_a_command():
     found = [moved("training", "a", kind=kind, told=False) for kind in ("window_0.5", "window_5")]
     (chart,) = motion_charts(found)
-    assert "windows of 5 s" in chart.caption
+    assert "pieces of 5 s" in chart.caption
     assert {trace["name"] for trace in chart.figure["data"]} == {"measured", "the model"}
 
 

@@ -54,7 +54,7 @@ def test_a_link_of_241_kg_does_not_pass_without_a_word(capsys):
     assert "mass times centre z 0.2 0.25 0.01 kg m yes" in shown
     assert "centre of mass x 0 0 0.1 m not by these runs" in shown  # what rounding left of zero
     assert f"Look out: {expected}" in shown
-    assert "4 of 13" in link_section([link(8.0, determined=True)]).sentence
+    assert "4 of the 13" in link_section([link(8.0, determined=True)]).sentence
     answer = link_inertia_json(heavy)
     assert answer["warning"] == expected
     assert answer["mass"] == {"unit": "kg", "urdf": 7.8, "value": 241.0, "std": 3.0, "determined": False}
