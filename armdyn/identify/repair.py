@@ -111,11 +111,13 @@ class Repair(Displayable):
         fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
         compared = self.after.document()
         links = [link_section(self.links)] if self.links else []
+        values, *others = compared.sections
+        values = replace(values, sentence=f"{_condition_of_values(self.path)}{values.sentence}")
         return replace(
             compared,
             title="Repair",
             verdict=self.sentence,
-            sections=[falling, *links, *compared.sections],
+            sections=[falling, *links, values, *others],
             level=self.level,
             data={
                 "steps": lambda: step_columns(self.path, self.after.scale.units),
@@ -237,7 +239,7 @@ def _concluded(study: Study, found: Search, *, searched: bool = True) -> Repair:
     return Repair(
         verdict=verdict,
         sentence=repair_sentences(path, study.holdout_kinds[0], after.scale, left),
-        remarks=(law + beyond + _condition_of_values(path) + outlier_sentence(study.runs)).strip(),
+        remarks=(law + beyond + outlier_sentence(study.runs)).strip(),
         model=fitted_model(study, found),
         model_without_background=model_of_step(study, found.named),
         path=path,
@@ -258,7 +260,7 @@ def _condition_of_values(path: Sequence[RepairStep]) -> str:
     if not tied:
         return ""
     names = join_names(list(dict.fromkeys(name for step in tied for name in step.added)))
-    return f" The values hold if what acts is {names}; with an effect that cannot be distinguished from it they differ."
+    return f"The values hold if what acts is {names}; with an effect that cannot be distinguished from it they differ. "
 
 
 def _lost(study: Study, found: Search) -> Repair:

@@ -47,5 +47,7 @@ def test_the_values_are_said_to_hold_for_the_effect_that_is_named(swings):
     found = armdyn.repair(given, rubbed, effects=effects)
     tied = [name for step in found.path for name in step.tied_with]
     assert tied
-    assert "The values hold if what acts is" in found.remarks
-    assert "The values hold" not in armdyn.repair(given, swings, effects=effects[:1]).remarks
+    _, parameters, *_ = found.document().sections
+    assert parameters.sentence.startswith("The values hold if what acts is")
+    _, parameters, *_ = armdyn.repair(given, swings, effects=effects[:1]).document().sections
+    assert "The values hold" not in parameters.sentence
