@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from armdyn.identify.bands import PredictionBands
     from armdyn.identify.study import Study
 
+MAX_LISTED_VALUES = 6
+"""Largest number of values of an effect that a table of candidates lists."""
 MAX_LISTED_FAILING_RANGES = 6
 """Largest number of ranges in a table of where a model fails."""
 ROLE_REMARKS = {"training": "", "held_out": " (held out)", "exam": " (exam)"}
@@ -191,7 +193,7 @@ def candidate_table(
     """
     values = [
         ", ".join(f"{name.partition('.')[2]} {p.value:.4g} {p.unit}" for name, p in s.parameters.items())
-        if len(s.joints) <= MAX_NAMED_JOINTS
+        if len(s.parameters) <= MAX_LISTED_VALUES
         else f"{len(s.parameters)} values"
         for s in found
     ]

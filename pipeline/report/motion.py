@@ -1,6 +1,6 @@
 """Figures of an arm's motion: measured, simulated and commanded positions of its joints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,8 +30,13 @@ ERROR_PANEL_SHARE_OF_HEIGHT, PANEL_GAP_SHARE_OF_HEIGHT = 0.42, 0.06
 """Shares of a figure's height: of the lower panel with the error, and of the gap below the panel with positions."""
 
 
-def motion_charts(found: Sequence[SimulatedPositionError]) -> list[Chart]:
-    """A figure of each joint's simulated motion, in the last of the runs that are most independent of the fit."""
+def motion_charts(found: Sequence[SimulatedPositionError], kind: str = "tau") -> list[Chart]:
+    """A figure of each joint's simulated motion, in the last of the runs that are most independent of the fit.
+
+    Args:
+        found: simulated motion of joints in runs.
+        kind: kind of the joints' channels whose tabs show the figures.
+    """
     if not found:
         return []
     role = next(role for role in ROLE_WORDS if any(r.role == role for r in found))
@@ -41,12 +46,14 @@ def motion_charts(found: Sequence[SimulatedPositionError]) -> list[Chart]:
         joint: f"{joint} in {name} ({ROLE_WORDS[role]}), simulated in {ROLLOUT_WORDS[r.kind]}."
         for joint, r in by_joint.items()
     }
-    return [Chart(_picture(r), captions[joint], f"tau.{joint}") for joint, r in by_joint.items()]
+    return [Chart(_picture(r), captions[joint], f"{kind}.{joint}") for joint, r in by_joint.items()]
 
 
-def with_motion_charts(sections: Sequence[Section], found: Sequence[SimulatedPositionError]) -> list[Section]:
-    """Sections of a document, with figures added to the section on the motion."""
-    charts = motion_charts(found)
+def with_motion_charts(
+    sections: Sequence[Section], found: Sequence[SimulatedPositionError], channels: Collection[str] = ()
+) -> list[Section]:
+    """Sections of a document, with figures added to the section on the motion, under the tabs of other channels."""
+    charts = motion_charts(found, "q" if any(name.startswith("q.") for name in channels) else "tau")
     tabs = {chart.tab: channel_short_name(chart.tab) for chart in charts}
     return [replace(s, charts=charts, tabs=tabs) if s.title == MOTION_TITLE and charts else s for s in sections]
 

@@ -32,7 +32,7 @@ def comparison_report(study: Study, found: Comparison) -> Document:
     shown = OverlayFigure.of_study(study, [found.fit], ["as given"], found.failing_ranges, found.bands)
     made = _illustrated(found.document(), study, missing, shown, found, "this model", VALUES)
     title = "Compare: the model against recordings"
-    return replace(made, title=title, sections=with_motion_charts(made.sections, found.rollout))
+    return replace(made, title=title, sections=with_motion_charts(made.sections, found.rollout, shown.tabs))
 
 
 def diagnosis_report(study: Study, found: Diagnosis) -> Document:
@@ -71,7 +71,7 @@ def repair_report(study: Study, found: Repair, next_steps: Sequence[NextStep] = 
         figures.insert(0, KeyFigure("Misfit explained", percent_text(found.explained), f"by what was added; {whose}"))
     title, sections = (
         "Repair: add what is missing, watch the error fall",
-        with_motion_charts(made.sections, found.after.rollout),
+        with_motion_charts(made.sections, found.after.rollout, shown.tabs),
     )
     return replace(made, title=title, sections=sections, key_figures=figures, next_steps=next_steps)
 

@@ -54,3 +54,5 @@ def test_a_section_of_the_motion_alone_gets_its_pictures():
     assert not parameters.charts
     assert motion.tabs == {"tau.elbow": "elbow"}
     assert with_motion_charts(sections, []) == sections
+    _, of_servos = with_motion_charts(sections, [moved("held_out", "b")], ["q.elbow"])
+    assert of_servos.tabs == {"q.elbow": "elbow"}  # the tab that shows the measured position
