@@ -155,7 +155,7 @@ PICTURES = {
     "repair_report.png": Picture("README.md", "repair.html", 1500),
     "swing_repaired.png": Picture("README.md", "out/trial/swing.png"),
     "investigation.png": Picture("README.md", "out/trial/report.html", 910, "what-the-model-lacked"),
-    "arm_report.png": Picture("docs/your_robot.md", "repair.html", 1180, "the-missing-force"),
+    "arm_report.png": Picture("docs/your_robot.md", "repair.html", 1330, "the-missing-force"),
     "servo_report.png": Picture("docs/servo_arm.md", "repair.html", 870, "motion"),
     "inspect_report.png": Picture("docs/inspect.md", "inspect.html", 1250),
     "batch_report.png": Picture("docs/batch.md", "lab/report.html", 1560),
