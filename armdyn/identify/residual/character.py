@@ -1,5 +1,6 @@
 """Describe the residual of an effect that is not in the catalogue: its kind, on what it depends, its frequency."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from armdyn.identify.residual.block import blocks_by_channel
 from armdyn.physics.pieces import MotionPieces
 from armdyn.physics.restarts import piece_equations
 from armdyn.physics.simulated import as_model_with_motion
+from armdyn.recording.channel_names import channel_full_name
 from armdyn.recording.channels import is_auxiliary
 from armdyn.run import Run
 
@@ -50,6 +52,28 @@ class ResidualTerm:
     expression: str
     share: float
     p_value: float
+
+    @property
+    def in_words(self) -> str:
+        """The function for a reader, such as ``"the sign of the velocity of elbow"``."""
+        for form, words in WORDS_OF_FUNCTIONS.items():
+            found = re.fullmatch(form, self.expression)
+            if found is not None:
+                return words.format(*(channel_full_name(name) for name in found.groups()))
+        return self.expression
+
+
+WORDS_OF_FUNCTIONS = {
+    r"([\w.-]+)": "the {}",
+    r"([\w.-]+)\^2": "the square of the {}",
+    r"([\w.-]+)\^3": "the cube of the {}",
+    r"\|([\w.-]+)\| \1": "the square of the {}, with its sign",
+    r"sign\(([\w.-]+)\)": "the sign of the {}",
+    r"\[([\w.-]+) > 0\]": "whether the {} is positive",
+    r"\[([\w.-]+) > 0\] sign\(([\w.-]+)\)": "the sign of the {1} where the {0} is positive",
+    r"([\w.-]+) ([\w.-]+)": "the product of {} and {}",
+}
+"""Words for the functions of signals that `_library` builds, by their form."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +119,7 @@ class ResidualCharacter:
     def headline(self) -> str:
         """The probable cause, and the signal on which the residual depends most, in few words."""
         cause = [] if self.process_error is None else [probable_cause_text(self.process_error)]
-        return "; ".join([*cause, *(f"it depends on {term.expression}" for term in self.terms[:1])])
+        return "; ".join([*cause, *(f"it depends on {term.in_words}" for term in self.terms[:1])])
 
     @property
     def sentence(self) -> str:
@@ -105,7 +129,7 @@ class ResidualCharacter:
             share = f"({100 * self.process_error:.0f} % of it vanishes if short pieces start from states of their own)"
             parts.append(f"{probable_cause_text(self.process_error)} {share}")
         if self.terms:
-            parts.append("it depends on " + ", ".join(term.expression for term in self.terms))
+            parts.append("it depends on " + ", ".join(term.in_words for term in self.terms))
         if self.peaks:
             parts.append("it is strongest at " + ", ".join(f"{peak.frequency:.2f} Hz" for peak in self.peaks))
         return "; ".join(parts)

@@ -22,7 +22,7 @@ from armdyn.identify.noise import (
 )
 from armdyn.identify.repair import repair
 from armdyn.identify.residual.block import ResidualBlock
-from armdyn.identify.residual.character import periodogram, spectral_peaks
+from armdyn.identify.residual.character import ResidualTerm, _library, periodogram, spectral_peaks
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.identify.state_space.scorer import StateSpaceScorer
@@ -158,3 +158,15 @@ def test_a_joint_that_moved_for_a_handful_of_samples_does_not_hide_the_frequency
     fit = Fit(problem, np.zeros(0, dtype=bool), np.zeros(0), blocks, Outcome.CONVERGED)
     (peak,) = spectral_peaks(fit, {"tau.j": WhiteningFilter(np.zeros(3), 1.0)})
     assert peak.frequency == pytest.approx(1.3, rel=0.02)
+
+
+def test_functions_on_which_a_residual_depends_are_said_in_words():
+    rng = np.random.default_rng(0)
+    signals = {name: [rng.standard_normal(20)] for name in ("q.joint-1", "v.joint-1", "a.joint-1", "swing_rate")}
+    words = {label: ResidualTerm("tau.joint-1", label, 0.5, 0.0).in_words for label in _library(signals)}
+    assert words["sign(v.joint-1)"] == "the sign of the velocity of joint-1"
+    assert words["[q.joint-1 > 0] sign(v.joint-1)"] == (
+        "the sign of the velocity of joint-1 where the position of joint-1 is positive"
+    )
+    assert words["|swing_rate| swing_rate"] == "the square of the swing rate, with its sign"
+    assert not [said for said in words.values() if set("[]^|()._") & set(said)]
