@@ -131,11 +131,7 @@ def fit_key_figures(shown: OverlayFigure, quality: Mapping[str, ChannelQuality])
         share, error = given if len(shown.steps) > 1 else ("", "")
         figures += [
             KeyFigure(f"{title} explained", percent_text(after.explained), f"{share}of its variation, {whose}"),
-            KeyFigure(
-                f"{title} error",
-                f"{plain_number(after.rmse)} {unit}",
-                f"{error}{whose}; noise {size} {unit}",
-            ),
+            KeyFigure(f"{title} error", f"{plain_number(after.rmse)} {unit}", f"{error}{whose}; noise {size} {unit}"),
         ]
     return figures
 

@@ -38,8 +38,7 @@ PANEL_GAP_SHARE_OF_WIDTH = 0.025
 """Gap between two panels of the figure, as a share of the figure's width."""
 PANEL_HEIGHT_PIXELS = 330
 """Height of the figure of the missing force [px]."""
-LAW_CURVE_LABEL, LAW_CURVE_STYLE = "what that explains", {"color": TEXT_COLOUR, "width": 2, "dash": "dash"}
-BACKGROUND_LABEL = "with the background"
+LAW_LABEL, BACKGROUND_LABEL = "what that explains", "with the background"
 COVARIATE_WORDS = {"load": "predicted load", "pivot_acceleration": "pivot acceleration"}
 
 
@@ -99,22 +98,10 @@ def _row(curves: Sequence[ForceCurve], added: str) -> dict[str, Any]:
         panel += _line(curve.x, curve.as_given, curve.std, "as given", ORANGE, ORANGE_BAND_FILL)
         if curve.repaired is not None and curve.repaired_std is not None:
             panel += _line(curve.x, curve.repaired, curve.repaired_std, added, BLUE, BLUE_BAND_FILL)
-        if curve.with_background is not None:
-            drawn = {
-                "x": _short(curve.x),
-                "y": _short(curve.with_background),
-                "name": BACKGROUND_LABEL,
-                "legendgroup": BACKGROUND_LABEL,
-            }
-            panel.append({**drawn, "mode": "lines", "line": {"color": TEXT_COLOUR, "width": 2, "dash": "dot"}})
-        if curve.law is not None:
-            drawn = {
-                "x": _short(curve.x),
-                "y": _short(curve.law),
-                "name": LAW_CURVE_LABEL,
-                "legendgroup": LAW_CURVE_LABEL,
-            }
-            panel.append({**drawn, "mode": "lines", "line": LAW_CURVE_STYLE})
+        for values, name, dash in ((curve.with_background, BACKGROUND_LABEL, "dot"), (curve.law, LAW_LABEL, "dash")):
+            if values is not None:
+                line = {"mode": "lines", "line": {"color": TEXT_COLOUR, "width": 2, "dash": dash}}
+                panel.append({"x": _short(curve.x), "y": _short(values), "name": name, "legendgroup": name, **line})
         traces += [{"showlegend": i == 0, "type": "scatter", **trace, "xaxis": f"x{number}"} for trace in panel]
     return {"data": traces, "layout": layout}
 

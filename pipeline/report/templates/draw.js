@@ -42,9 +42,9 @@ const armdynFigures = ({ template, dark: darker }) => {
       const short = key.replace("axis", ""), along = key[0];
       const curves = data.filter((trace) => (trace[`${along}axis`] || along) === short)
         .map((trace) => ({ trace, values: Array.from(plain(trace[along])) })).filter(({ values }) => values.some(Number.isFinite));
-      if (!curves.length) continue;
-      const whole = hull(curves.map(({ values }) => hull([bulk(values)])));
-      const [low, high] = hull(curves.filter(({ trace }) => !trace.meta?.aside).map(({ values }) => bulk(values)));
+      const leading = curves.filter(({ trace }) => !trace.meta?.aside);
+      if (!leading.length) continue;
+      const [whole, [low, high]] = [curves, leading].map((some) => hull(some.map(({ values }) => bulk(values))));
       const [from, to] = [Math.max(whole[0], low - (high - low)), Math.min(whole[1], high + (high - low))];
       const unit = /\[(.+)\]/.exec(axis.title?.text ?? "")?.[1] ?? "";
       const lost = new Map();
@@ -53,12 +53,11 @@ const armdynFigures = ({ template, dark: darker }) => {
         const outside = values.filter((v) => v < from || v > to);
         if (outside.length) lost.set(name, [...(lost.get(name) ?? []), ...outside]);
       });
-      if (!lost.size) continue;
       lost.forEach((outside, name) => {
         const far = outside.reduce((most, v) => (Math.abs(v) > Math.abs(most) ? v : most));
         said.push(`${outside.length} of “${name}”, up to ${far.toPrecision(3).replace("-", "−")} ${unit}`);
+        axes[key] = { ...axis, range: [from - 0.05 * (to - from), to + 0.05 * (to - from)] };
       });
-      axes[key] = { ...axis, range: [from - 0.05 * (to - from), to + 0.05 * (to - from)] };
     }
     return { axes, said: said.length ? `Points outside the axes: ${said.join("; ")}. A double click shows all.` : "" };
   };
@@ -93,7 +92,7 @@ const armdynFigures = ({ template, dark: darker }) => {
   };
   // A legend stands above the curves, however many rows it has, and below the tool bar where that is in its way.
   const settle = (place) => {
-    const [legend, bar] = [".legend", ".modebar"].map((part) => place.querySelector(part)?.getBoundingClientRect());
+    const [legend, bar] = [".infolayer .legend", ".modebar"].map((part) => place.querySelector(part)?.getBoundingClientRect());
     if (!legend?.height) return;
     const frame = place.getBoundingClientRect();
     const below = bar?.width && legend.right > bar.left ? bar.bottom - frame.top + 2 : 0;

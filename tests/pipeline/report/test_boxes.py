@@ -10,7 +10,7 @@ import pytest
 from browser import Browser, chromium
 from scipy.integrate import solve_ivp
 
-from armdyn.document import Chart, Document, Section
+from armdyn.document import Chart, Document, Section, Table
 from pipeline.report.page import write_page
 from pipeline.report.theme import FOLLOWS_BULK
 
@@ -94,6 +94,18 @@ def test_no_part_of_a_page_lies_over_another(write, new, tmp_path, monkeypatch, 
         assert not tab.errors
 
 
+def test_on_a_phone_value_and_deviation_of_a_long_name_are_in_sight(tmp_path):
+    chromium()
+    name, what = "joint_viscous_friction.coefficient[FL_thigh_joint]", "torque per speed, of the motor and of its gears"
+    table = Table.of(["parameter", "value", "std", "what it is"], [[name, 0.0493767, 0.00033, what]])
+    write_page(Document("Values", "some", [Section("Parameters", tables=[table])]), tmp_path / "r.html")
+    with Browser(390, 844) as tab:
+        tab.go((tmp_path / "r.html").as_uri())
+        tab.wait("document.body.dataset.ready === 'yes'")
+        ends = tab.ask("[...document.querySelectorAll('td')].map((cell) => cell.getBoundingClientRect().right)")
+        assert max(ends[:3]) < 390.0
+
+
 def test_a_spike_leaves_the_axis_and_is_told(tmp_path):
     chromium()
     time, rng = np.arange(0.0, 10.0, 0.01), np.random.default_rng(0)
@@ -112,4 +124,8 @@ def test_a_spike_leaves_the_axis_and_is_told(tmp_path):
         assert -10.0 < torn[0] < torn[1] < 10.0
         (said,) = tab.ask("[...document.querySelectorAll('.outside')].map((line) => line.textContent)")
         assert said.startswith("Points outside the axes: 3 of “samples”, up to −500 N m.")
+        for _ in range(2):  # as the line under the figure says
+            tab.click("#chart-1 .nsewdrag")
+        low, _ = tab.ask("document.querySelector('#chart-1')._fullLayout.yaxis.range")
+        assert low < -500.0
         assert not tab.errors
