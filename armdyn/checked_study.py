@@ -12,6 +12,7 @@ from typing import TypeAlias
 from armdyn.arm.closed_loop.motion_model import MotionModel
 from armdyn.arm.closed_loop.rollout import has_all_position_commands, simulated_position_errors
 from armdyn.arm.model import EFFECTS_STATED_BY_DRIVE, ArmModel
+from armdyn.arm.wrench.sensor import unused_wrenches
 from armdyn.discovery.discover import discover
 from armdyn.discovery.result import Discovery
 from armdyn.effects.catalogue import find, find_several
@@ -23,7 +24,8 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.motion.lost_motion import unless_lost
 from armdyn.identify.motion.motion_fit import fit_to_motion
 from armdyn.identify.motion.motion_study import MotionStudy
-from armdyn.identify.repair import Repair, add, fitted_model, repair
+from armdyn.identify.repair import Repair, add, fitted_model, model_of_step, repair
+from armdyn.identify.selection.search import search
 from armdyn.identify.sentence import Verdict
 from armdyn.identify.settings import DEFAULT_SETTINGS
 from armdyn.identify.studies import make_study
@@ -273,6 +275,7 @@ class CheckedStudy:
         effects = [effect for effect in self.effects if effect.name not in EFFECTS_STATED_BY_DRIVE]
         model, asked, size = MotionModel.of(arm, declared.drives), self.study.asked, self.study.catalogue_size
         study = MotionStudy(model, runs, held_out, effects, exam, asked, size)
+        study.sensed = self._shown_by_wrenches(arm, say)
         found = repair(study, say)
         if (step := study.suited_step(found.steps[-1].fit)) < model.step:
             finer = MotionStudy(replace(model, step=step), runs, held_out, effects, exam, asked, size)
@@ -284,6 +287,18 @@ class CheckedStudy:
         own = {name: p for name, p in found.after.parameters.items() if name in whole.names}
         after = self._moving(self._telling(replace(found.after, parameters=own), whole), whole)
         return unless_lost(replace(found, model=whole, model_without_background=alone, after=after))
+
+    @one_thread
+    def _shown_by_wrenches(self, arm: ArmModel, say: Say | None) -> Model | None:
+        """The arm with the effects that the wrenches of servo arms show, along the measured motion and without it."""
+        assert self.commanded is not None
+        runs, held_out = (
+            [r for r in those if any(s.recorded(r) for s in arm.sensors.values())] for those in self.commanded[:2]
+        )
+        if not runs:
+            return None
+        study = make_study(arm, runs, held_out, self.effects)
+        return model_of_step(study, search(study, say).named)
 
     def _moved(self, found: Repair) -> Repair:
         """A repair with values fitted to the motion, where recordings contain commands, and with its rollout."""
@@ -330,7 +345,12 @@ class CheckedStudy:
         """A comparison with sentences on what was set aside, open questions of a model, and mistakes in exam runs."""
         wrong = self.exam_inspection.wrong
         doubts = [f"the exam {check.run} says little: {check.sentence.rstrip('.')}" for check in wrong]
-        questions = (self.study.model if model is None else model).open_questions
+        told = self.study.model if model is None else model
+        questions, arm = told.open_questions, told.capability(ArmModel)
+        if arm is not None:
+            questions += unused_wrenches(
+                arm.sensors, self.inspection.runs, {block.channel for block in found.fit.blocks}
+            )
         return replace(found, left_out=(*found.left_out, *self.set_aside, *questions, *doubts))
 
     def _require_plausible(self, model: Model) -> None:

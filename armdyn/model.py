@@ -28,12 +28,14 @@ class AssumedGain:
     Attributes:
         channels: names of the channels whose readings have it in common.
         std: its relative standard deviation.
-        relative: names of parameters that are gains of single channels, which are told relative to it.
+        relative: names of parameters that it does not change: gains of single channels, relative to it, and offsets.
+        question: sentence, without full stop, on what would tell it, for runs that do not; empty where none is said.
     """
 
     channels: tuple[str, ...]
     std: float
     relative: tuple[str, ...] = ()
+    question: str = ""
 
 
 @dataclass(frozen=True)

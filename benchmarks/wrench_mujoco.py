@@ -8,6 +8,8 @@ readings, and faults of its sensor. Two recordings of 20 s are fitted, and one i
 - `wrench`: positions and a wrench, as of a UR; one or two faults of the sensor.
 - `torques`: the same with joint torques beside the wrench.
 - `clean`: positions and a wrench, and a tool that the description has: nothing is wrong.
+- `servo`: positions, their commands and a wrench of four robots that MuJoCo moves by position actuators, with hidden
+  friction and one or two faults of the sensor; `servo_clean`: friction alone is hidden (`tests/worlds/servo_tools.py`).
 
 Counted are: named, every hidden effect; alone, nothing else is named; mass within 1 % and centre within 2 mm, where
 they are determined (where three standard deviations are less than that); refused, recordings that count as wrong.
@@ -30,6 +32,7 @@ from armdyn.checked_study import CheckedStudy
 from armdyn.inspection.check import WrongRecordingError
 
 worlds = hidden_table.generator("tools")
+servos = hidden_table.generator("servo_tools")
 
 RUNS, HELD_OUT = 2, 5
 MASS, CENTRE, SURE = 0.01, 2e-3, 3.0  # share; m; standard deviations
@@ -39,23 +42,30 @@ TOOL = {"payload", "payload_inertia"}
 def repaired(kind: str, seed: int) -> dict[str, Any]:
     """One row: what was hidden in a tool of a seed, and what was found."""
     warnings.simplefilter("ignore")
-    tool, begun = worlds.drawn(seed), time.process_time()
-    tool = replace(tool, faults={}) if kind == "clean" else tool
-    runs = [worlds.recorded(tool, 10 * seed + k, torques=kind == "torques") for k in (*range(RUNS), HELD_OUT)]
+    clean, friction = kind.endswith("clean"), set[str]()
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "arm.urdf"
-        file.write_text(worlds.description(tool), encoding="utf-8")
-        model = worlds.sensed_model(file if kind == "clean" else None)
+        if kind.startswith("servo"):
+            arm = servos.generate(seed, clean=clean)
+            tool, runs, model = arm.tool, arm.runs, arm.model(Path(folder))
+            friction = {"joint_viscous_friction"} | ({"joint_coulomb_friction"} if arm.dry.any() else set())
+        else:
+            tool = replace(worlds.drawn(seed), faults={}) if clean else worlds.drawn(seed)
+            runs = [worlds.recorded(tool, 10 * seed + k, torques=kind == "torques") for k in (*range(RUNS), HELD_OUT)]
+            file = Path(folder) / "arm.urdf"
+            file.write_text(worlds.description(tool), encoding="utf-8")
+            model = worlds.sensed_model(file if clean else None)
         row: dict[str, Any] = {"kind": kind, "seed": seed, "hidden": sorted(tool.faults)}
+        begun = time.process_time()
         try:
             found = CheckedStudy.of(model, runs[:RUNS], runs[RUNS:]).repair()
         except WrongRecordingError as error:
             return row | {"refused": str(error)}
     names = {effect.name for effect in found.model.named_effects}
-    own = set() if kind == "clean" else TOOL
+    own = set() if clean else TOOL
+    hidden = set(tool.faults) | friction
     row |= {
         "found": sorted(names - own), "verdict": found.verdict.name, "cpu": time.process_time() - begun,
-        "named": set(tool.faults) | ({"payload"} & own) <= names, "alone": names <= set(tool.faults) | own,
+        "named": hidden | ({"payload"} & own) <= names, "alone": names <= hidden | own,
         "chi2": found.steps[-1].fit.chi2_per_sample,
     }  # fmt: skip
     joint = found.model.joints[-1]
@@ -67,6 +77,7 @@ def repaired(kind: str, seed: int) -> dict[str, Any]:
         sure = [p.std * SURE < CENTRE for p in centre]
         if all(sure):
             row["centre"] = bool(np.all(np.abs([p.value for p in centre] - tool.centre) < CENTRE))
+        row["error"] = [value.value - true for value, true in zip(values, [tool.mass, *tool.centre], strict=True)]
         row["off"] = [(p.value - true) / p.std for p, true in zip(values, [tool.mass, *tool.centre], strict=True)]
     return row
 
@@ -80,7 +91,7 @@ def main() -> None:
     parser.add_argument("--what", default="wrench,torques,clean")
     parser.add_argument("--json", type=Path, default=None, help="every row")
     args = parser.parse_args()
-    counts = {kind: args.seeds if kind != "clean" else 2 * args.seeds // 3 for kind in args.what.split(",")}
+    counts = {kind: args.seeds if not kind.endswith("clean") else 2 * args.seeds // 3 for kind in args.what.split(",")}
     cases = [(kind, args.first_seed + k) for kind, count in counts.items() for k in range(count)]
     with ProcessPoolExecutor(args.processes) as pool:
         rows = []

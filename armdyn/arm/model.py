@@ -113,14 +113,8 @@ class ArmModel(Model):
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """Sentences on gains of drives and sensors that are not identifiable, with what would identify them."""
-        shared = tuple(
-            f"[wrench.{name}]: a wrench alone does not tell a gain that all its axes share from the tool's mass: it is "
-            f"assumed to be 1 ± {self._gain_std(name, self.names):.2g}, and standard deviations contain that. "
-            "To tell it, record joint torques as well, or weigh the tool; gain_std states a better calibration"
-            for name in self.joints_having_effect(SENSOR_GAIN_EFFECT)
-        )
-        return shared + tuple(
+        """Sentences on gains of drives that are not identifiable, with what would identify them."""
+        return tuple(
             f"[drives.{name}]: the recordings do not say how large its gain is, {servo.gain.value:.3g} ± "
             f"{servo.gain.std:.2g} {servo.gain.unit}: values of {', '.join(servo.joints)} are ratios to k_p, right per "
             f"{servo.gain.unit} alone. To tell it, {recordings_that_identify_gains(self.arm, servo.joints)}"
@@ -133,12 +127,18 @@ class ArmModel(Model):
 
         A sensor whose calibration is not stated counts as exact until its axes are found to be wrong.
         """
-        own = self.parameter_names_by_joint(SENSOR_GAIN_EFFECT)
-        found = [
-            AssumedGain(channels, self._gain_std(name, freed), own.get(name, ()))
-            for name, sensor in self.sensors.items()
-            for channels in (sensor.channels, sensor.channels[len("xyz") :])
-        ]
+        gains, found = self.parameter_names_by_joint(SENSOR_GAIN_EFFECT), []
+        for name, sensor in self.sensors.items():
+            std, kept = self._gain_std(name, freed), (SENSOR_GAIN_EFFECT, *SENSOR_OFFSET_EFFECTS)
+            relative = [p.name for p in self.parameters.values() if p.joint == name and p.effect in kept]
+            question = (
+                f"[wrench.{name}]: a wrench alone does not tell a gain that all its axes share from the tool's mass: "
+                f"it is assumed to be 1 ± {std:.2g}, and standard deviations contain that. To tell it, record joint "
+                "torques as well, or weigh the tool; gain_std states a better calibration"
+            )
+            asked = any(own in freed for own in gains.get(name, ()))
+            found.append(AssumedGain(sensor.channels, std, tuple(relative), question if asked else ""))
+            found.append(AssumedGain(sensor.channels[len("xyz") :], std, tuple(relative)))
         return [gain for gain in found if gain.std > 0.0]
 
     def _gain_std(self, sensor: str, freed: Collection[str]) -> float:
@@ -450,6 +450,8 @@ EFFECTS_IDENTIFIED_PER_DRIVE_KIND = frozenset({"torque_limit"})
 """Effects that are identified for all drives of a kind: their saturation; see `drive_scale`."""
 SENSOR_GAIN_EFFECT = "wrench_gain"
 """The effect of which only ratios between axes are seen where a tool's mass is unknown."""
+SENSOR_OFFSET_EFFECTS = ("wrench_offset", "wrench_drift")
+"""Effects that a sensor reads without a force, so that its gain does not scale them."""
 ROTOR_EFFECT = "rotor_inertia"
 """The effect that adds inertia to a joint itself."""
 

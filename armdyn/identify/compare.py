@@ -276,6 +276,7 @@ def comparison(
                 if column.name not in run.extra
             ),
             *study.remarks(fit),
+            *certain.open_questions,
             *(one.sentence for one in (bands.extrapolations if bands else ())),
         ),
         unidentified_combinations=tuple(with_quotients(one, fit, certain.covariance) for one in together),

@@ -32,6 +32,7 @@ from armdyn.identify.fit import Fit
 from armdyn.identify.noise import WhiteningFilter, variance_inflation, whitening_filters
 from armdyn.identify.residual.block import blocks_by_channel, chi2_sum, sample_count
 from armdyn.identify.study import Study
+from armdyn.model import AssumedGain
 
 REDUCED_PRIOR_WEIGHT = 1e-4
 """Share of the priors' weight that remains in a covariance of the runs alone: a hundred times wider priors."""
@@ -60,7 +61,7 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(P, P) covariance of all unknowns; zero for unknowns that are fixed or on a bound."""
-        return self.covariance_with_exact_gains + self._by_gains
+        return self.covariance_with_exact_gains + sum(self._by_gains.values())
 
     @cached_property
     def covariance_with_exact_gains(self) -> np.ndarray:
@@ -72,21 +73,27 @@ class Uncertainty:
         )
 
     @cached_property
-    def _by_gains(self) -> np.ndarray:
-        """(P, P) covariance by the gains that readings share."""
-        problem, found = self.fit.problem, np.zeros((len(self.fit.free), len(self.fit.free)))
+    def _by_gains(self) -> dict[AssumedGain, np.ndarray]:
+        """(P, P) covariance by each of the gains that readings share."""
+        problem, found = self.fit.problem, dict[AssumedGain, np.ndarray]()
         freed = {column.parameter.name for column, free in zip(problem.columns, self.fit.free, strict=True) if free}
         for gain in problem.model.assumed_gains(freed):
             change, known = self.fit.change_by_gain(gain.channels)
             beside = ~problem.mask_of_unknowns(gain.relative)
-            found += consider_covariance((change * beside)[:, None], np.array([gain.std]), known)
+            found[gain] = consider_covariance((change * beside)[:, None], np.array([gain.std]), known)
         return found
+
+    @property
+    def open_questions(self) -> tuple[str, ...]:
+        """Sentences, without full stops, on gains that readings share, from which most of a value's variance comes."""
+        alone = np.diag(self.covariance_with_exact_gains)
+        return tuple(g.question for g, more in self._by_gains.items() if g.question and np.any(np.diag(more) > alone))
 
     @cached_property
     def covariance_without_priors(self) -> np.ndarray:
         """(P, P) covariance almost without priors and bounds: very large for unknowns that only these determine."""
         factors = self.variance_inflation or _inflation(self.fit)
-        return _covariance(self.fit, factors, REDUCED_PRIOR_WEIGHT, bounded=False) + self._by_gains
+        return _covariance(self.fit, factors, REDUCED_PRIOR_WEIGHT, bounded=False) + sum(self._by_gains.values())
 
 
 def uncertainty(study: Study, fit: Fit) -> Uncertainty:

@@ -137,8 +137,8 @@ class MotionModel(ArmModel):
         return ArmModel(self.effects, kept, self.arm, MappingProxyType(drives), self.sensors, background=small)
 
     def can_show(self, effect: Effect, channels: Collection[str]) -> bool:
-        """Whether an effect is visible in a motion; see `Model.can_show`. What a sensor reads changes none."""
-        return effect.acts_on != "wrench" and effect.is_visible_in(channels)
+        """Whether an effect is visible in a motion, or in a wrench beside it; see `Model.can_show`."""
+        return effect.is_visible_in(channels)
 
     def reduced_model(self, needed: Collection[str], runs: Sequence[Run]) -> Self:
         """The same model, so that all sets of effects share one compiled simulator, with fewer derivatives."""
@@ -146,16 +146,18 @@ class MotionModel(ArmModel):
         return replace(self, differentiated=frozenset(needed))
 
     def predicted_channels(self, run: Run) -> tuple[str, ...]:
-        """Names of the positions of joints that move, if the run has a command of every joint."""
-        names = [f"q.{joint}" for joint in self.arm.joints] if has_all_position_commands(self, run) else []
-        return tuple(n for n in names if n in run.channels and np.ptp(run.channels[n].value) > 0.0)
+        """Names of the positions of joints that move, if the run has a command of every joint, and of its wrenches."""
+        if not has_all_position_commands(self, run):
+            return ()
+        names = [f"q.{joint}" for joint in self.arm.joints]
+        moving = [n for n in names if n in run.channels and np.ptp(run.channels[n].value) > 0.0]
+        return (*moving, *self._wrenches(run))
 
     def prepare_run(self, run: Run, beside: Sequence[Run] = ()) -> Run:
         """The run with the positions of all joints at the stamps at which the simulation is compared with them.
 
-        It says which joints are not compared, as they do not move.
+        It says which joints are not compared, as they do not move. Wrenches are low-passed, as beside torques.
         """
-        del beside
         window = _window(run, self.arm.joints)
         if all(len(run.channels[f"q.{joint}"]) == len(window.time) for joint in self.arm.joints):
             return run
@@ -166,20 +168,24 @@ class MotionModel(ArmModel):
             name: Channel(window.time, window.q[:, j], run.channels[name].unit)
             for j, name in enumerate(f"q.{joint}" for joint in self.arm.joints)
         }
-        found = replace(run, channels={**run.channels, **cut})
+        wrenches = self._wrenches(run)
+        prepared = super().prepare_run(run, beside) if wrenches else run
+        low_passed = {name: prepared.channels[name] for name in wrenches}
+        found = replace(prepared, channels={**run.channels, **cut, **low_passed})
         found.__dict__["_window"] = window
         return found
 
     def without_predictions(self, run: Run, names: Collection[str]) -> Run:
         """A copy of a run in which joints that are not predicted rest, as a simulation needs all positions."""
-        still = {name: run.channels[name] for name in names}
+        run = super().without_predictions(run, [name for name in names if not name.startswith("q.")])
+        still = {name: run.channels[name] for name in names if name in run.channels}
         still = {name: Channel(c.time, np.full(len(c), c.value[0]), c.unit) for name, c in still.items()}
         return replace(run, channels={**run.channels, **still})
 
     def noise(self, run: Run, theta: np.ndarray) -> Mapping[str, float]:
-        """Nothing: the noise of positions does not depend on the parameters."""
-        del run, theta
-        return {}
+        """Noise of the wrenches: that of positions does not depend on the parameters."""
+        arm = self.arm_at(theta)
+        return arm.noise(run, arm.theta()) if self._wrenches(run) else {}
 
     def force_channels(self, run: Run) -> Mapping[str, str]:
         """Nothing: a position's residual is not a force."""
@@ -192,7 +198,8 @@ class MotionModel(ArmModel):
         arm = self.arm_at(theta)
         with np.errstate(all="ignore"):
             read = _held(found.links_at(arm, arm.theta(), window.time))
-        return {f"q.{joint}": read[:, j] for j, joint in self._moving(run)}
+        wrenches = arm.predict_values(run, arm.theta()) if self._wrenches(run) else {}
+        return {**{f"q.{joint}": read[:, j] for j, joint in self._moving(run)}, **wrenches}
 
     def predict(self, run: Run, theta: np.ndarray) -> Prediction:
         """Simulate the positions of a run, with their derivatives by the parameters; see `motion_slopes`."""
@@ -217,9 +224,13 @@ class MotionModel(ArmModel):
         by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
-        return prediction_from_channels(
-            [(f"q.{joint}", window.time, _held(read[:, j]), by[:, j]) for j, joint in self._moving(run)]
-        )
+        parts = [(f"q.{joint}", window.time, _held(read[:, j]), by[:, j]) for j, joint in self._moving(run)]
+        if self._wrenches(run):
+            wrench = arm.predict(run, arm.theta())
+            of_all = np.zeros((len(wrench.time), len(theta)))
+            of_all[:, [self.names.index(name) for name in arm.names]] = wrench.sensitivities
+            parts += [(n, wrench.time[rows], wrench.values[rows], of_all[rows]) for n, rows in wrench.slices.items()]
+        return prediction_from_channels(parts)
 
     def _lag_slope(
         self, found: SimulatedWindow, theta: np.ndarray, time: np.ndarray, where: tuple[int, int], sides: np.ndarray
@@ -263,7 +274,7 @@ class MotionModel(ArmModel):
         return [
             i
             for i, p in enumerate(self.parameters.values())
-            if i not in drives and (wanted is None or p.effect in wanted)
+            if i not in drives and p.joint not in self.sensors and (wanted is None or p.effect in wanted)
         ]
 
     @property
@@ -282,6 +293,10 @@ class MotionModel(ArmModel):
         moved = theta.copy()
         moved[i] += change
         return self.arm_at(moved), change
+
+    def _wrenches(self, run: Run) -> list[str]:
+        """Channels of force/torque sensors, predicted along the measured motion: no drive acts on what they carry."""
+        return [name for sensor in self.sensors.values() for name in sensor.recorded(run)]
 
     def _moving(self, run: Run) -> list[tuple[int, str]]:
         """Indices and names of the joints that are predicted."""

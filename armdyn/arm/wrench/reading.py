@@ -11,6 +11,7 @@ import numpy as np
 from armdyn.arm.composition import VectorisedExpression
 from armdyn.arm.physics import Expression, Wrench
 from armdyn.arm.wrench.sensor import WRENCH_AXES, WrenchAxes
+from armdyn.effects.catalogue import catalogue_order
 from armdyn.effects.effect import Effect, recorded_columns
 from armdyn.errors import InputError
 from armdyn.parameter import RecordedColumn
@@ -44,14 +45,14 @@ def read_wrench(
     parameters: Mapping[str, Expression],
     recorded: Mapping[RecordedColumn, Expression] = MappingProxyType({}),
 ) -> Wrench:
-    """The wrench that a sensor reads along these axes, with effects in the given order; see `Effect.apply`."""
-    for e in effects:
+    """The wrench that a sensor reads along these axes, with effects in the catalogue's order; see `Effect.apply`."""
+    for e in catalogue_order(effects):
         wrench = e.apply(wrench, parameters, recorded)
     return wrench if along is WrenchAxes.SENSOR else wrench.mixed(ca.diagcat(wrench.axes.T, wrench.axes.T))
 
 
 def wrench_reading(effects: Sequence[Effect], axes: WrenchAxes = WrenchAxes.SENSOR) -> WrenchReading:
-    """Apply effects to a sensor, in the given order, whose channels are along these axes.
+    """Apply effects to a sensor, whose channels are along these axes.
 
     Raises:
         InputError: an effect lets the delay change with the motion.

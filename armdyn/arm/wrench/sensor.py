@@ -4,7 +4,7 @@ The sensor's frame is put between a link and what carries it, with three sliding
 Inverse dynamics, its derivatives by inertial parameters and by gravity then hold for the wrench as for joint torques.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -124,6 +124,30 @@ def chosen_sensors(chosen: Sequence[str]) -> dict[str, Any]:
             raise InputError(f"--wrench {text}: write it as ft=tool0, with the first link that the sensor carries")
         found[name] = {"link": link}
     return found
+
+
+def unused_wrenches(
+    sensors: Mapping[str, WrenchSensor], runs: Iterable[Run], compared: Collection[str]
+) -> tuple[str, ...]:
+    """Sentences, without full stops, on sensors whose wrench the runs contain and nothing is compared with.
+
+    Args:
+        sensors: the sensors of the model.
+        runs: the recordings.
+        compared: names of the compared channels.
+    """
+    parts = [(kind, name) for run in runs for kind, _, name in (channel.partition(".") for channel in run.channels)]
+    recorded = dict.fromkeys(name for kind, name in parts if kind in WRENCH_CHANNELS)
+    unused = [name for name in recorded if not any(f"{axis}.{name}" in compared for axis in WRENCH_AXES)]
+    return tuple(
+        f"The wrench of {name} is not used: "
+        + (
+            "no fitted recording contains it"
+            if name in sensors
+            else f'write [wrench.{name}] with link = "...", the first link that it carries, into the model file'
+        )
+        for name in unused
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,8 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
         if all(has_all_position_commands(model, run) for run in usable)
         else OPEN_LOOP_WINDOW_SECONDS
     )
-    unknowns = motion_unknowns(model, model.drives if given is None else given)
+    seen = _seen_by_sensors(model, usable)
+    unknowns = [u for u in motion_unknowns(model, model.drives if given is None else given) if u.name not in seen]
     values = np.array([value_of_unknown(model, unknown) for unknown in unknowns])
     spread = np.zeros(len(values))
     for length, step in (
@@ -54,3 +55,17 @@ def fit_to_motion(model: ArmModel, runs: Sequence[Run], given: Mapping[str, Serv
     moved = model_at(model, unknowns, values)
     told = {u.name: std for u, std in zip(unknowns, spread.tolist(), strict=True) if u.of in OF_EFFECTS and std > 0.0}
     return moved.with_parameters({n: replace(moved.parameters[n], std=std) for n, std in told.items()})
+
+
+def _seen_by_sensors(model: ArmModel, runs: Sequence[Run]) -> set[str]:
+    """Names of the parameters on which a recorded wrench depends, which keep the values of the fit to it.
+
+    A motion says less of a tool, and nothing of what a sensor reads.
+    """
+    found = set[str]()
+    for run in runs:
+        if any(sensor.recorded(run) for sensor in model.sensors.values()):
+            wrenches = model.without_predictions(run, [name for name in run.channels if name.startswith("tau.")])
+            derivatives = model.predict(model.prepare_run(wrenches), model.theta()).sensitivities
+            found |= {name for name, of in zip(model.names, derivatives.T, strict=True) if of.any()}
+    return found

@@ -95,11 +95,17 @@ def _better(found: LinearPath, loads: set[Candidate], say: ProgressCallback) -> 
 
 
 def _elsewhere(found: LinearPath, say: ProgressCallback) -> LinearPath | None:
-    """The path with a better fit of its set, from usual sizes of what is not negative, and from the drives as read."""
+    """The path with a better fit of its set, from usual sizes of what is not negative, and from the drives as read.
+
+    What a wrench shows stays: it is nearly linear, and has no other minimum.
+    """
     study, fitted = found.study, found.fit
     problem = study.problem
     names = [name for c in found.chosen_set.effects if c not in found.scorer.given for name in c.names]
     sizes = problem.mask_of_unknowns(names) & (problem.lower >= problem.null)
+    for block in fitted.blocks:
+        if not block.channel.startswith("q."):
+            sizes &= ~block.sensitivities.any(axis=0)
     drives = ~problem.is_effect & fitted.free
     for size in sorted({size for _, size in STARTS}):
         say(f"fitting the motion with {size:g} typical sizes")
@@ -135,12 +141,13 @@ def _best_start(study: MotionStudy, given: SearchStep, say: ProgressCallback) ->
         effects, values = study.effects_of_answer(study.answer)
         return begun(effects, near(effects, values))
     found = list[tuple[Sequence[Candidate], Fit]]()
+    sensed, there = ((), problem.start_values()) if study.sensed is None else study.effects_of_answer(study.sensed)
     for names, size in STARTS:
         say(f"fitting the motion with {', '.join(names)}")
-        usual = [c for c in study.candidates if c.effect in names]
+        usual = [c for c in study.candidates if c.effect in names and c.effect not in {own.effect for own in sensed}]
         own = problem.mask_of_unknowns([name for c in usual for name in c.names])
-        values_of_start = np.where(own, problem.null + size * problem.typical, problem.start_values())
-        found.append((usual, near(usual, values_of_start)))
+        values_of_start = np.where(own, problem.null + size * problem.typical, there)
+        found.append(((*sensed, *usual), near((*sensed, *usual), values_of_start)))
     return begun(*min(found, key=lambda one: one[1].chi2))
 
 

@@ -42,11 +42,13 @@ class MotionStudy(LinearStudy):
 
     Attributes:
         answer: an answer with longer steps, with which a search begins; None begins with usual effects.
+        sensed: the model with the effects that wrenches alone show, which are among those; None without a wrench.
     """
 
     most_steps, tolerance, indirect_steps = MAX_FIT_STEPS, FIT_TOLERANCE_STDS, 0
     uncertain, leaves_out = LINKS, False
     answer: Model | None = None
+    sensed: Model | None = None
 
     def with_whole_catalogue(self, model: Model) -> Model:
         """See `Study`; links that the model does not change are known by their description."""

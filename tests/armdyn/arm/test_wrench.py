@@ -133,6 +133,20 @@ def test_an_effect_reads_as_its_equation_says(effect, moved, recording):
         assert np.sqrt(np.mean(error**2)) < 1e-3 * np.ptp(run.channels[name].value), name
 
 
+def test_effects_act_in_their_own_order_and_not_in_that_in_which_they_were_added(moved, recording):
+    run = as_run(moved, *recording[:2])
+    values = {f"{effect}.{name}[{SENSOR}]": x for effect, own in FAULTS.items() for name, x in own.items()}
+    read = []
+    for names in (list(FAULTS), list(FAULTS)[::-1]):
+        model = with_tool(sensed_model())
+        for name in names:
+            model = model.with_effect(find(name))
+        model = model.with_values(values)
+        read.append(model.predict_values(run, model.theta()))
+    for name, predicted in read[0].items():
+        assert read[1][name] == pytest.approx(predicted)
+
+
 @pytest.mark.parametrize("prepared", [False, True])
 def test_derivatives_of_a_wrench_are_exact(prepared, moved, recording):
     torque, wrench, _ = recording
