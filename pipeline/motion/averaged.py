@@ -159,20 +159,26 @@ class AveragedMotion:
         return JointTrajectory(time, q, v * clock, a * clock**2, names)
 
 
+def law_of(s: Array, x: Array) -> PPoly:
+    """The path coordinate by time [s]: squared speeds x (n,) at nodes s (n,), constant accelerations between."""
+    root, step = np.sqrt(x), np.diff(s)
+    lasts = 2.0 * step / np.maximum(root[1:] + root[:-1], np.finfo(float).tiny)
+    return PPoly(np.array([np.diff(x) / (4.0 * step), root[:-1], s[:-1]]), np.concatenate([[0.0], np.cumsum(lasts)]))
+
+
 def averaged_motions(
-    path: JointPath, speed: PathSpeed, given: RetimingLimits, fixed: Array
+    path: JointPath, speed: PathSpeed, given: RetimingLimits, fixed: Array, before: float
 ) -> tuple[list[AveragedMotion], float]:
     """Motions with a speed along a path, by the moving averages that are tried, and the longest that is wanted [s].
 
-    An average is no longer than the speeds `fixed` (n,) at both ends allow, nan where they are not.
+    An average is no longer than the speeds `fixed` (n,) at both ends allow, nan where they are not. The longest is not
+    shorter than that of the round before: it would shrink with the accelerations, and their jerk remain.
     """
-    root = np.sqrt(speed.x)
-    lasts = 2.0 * np.diff(speed.s) / np.maximum(root[1:] + root[:-1], np.finfo(float).tiny)
-    law = PPoly(np.array([speed.u / 2.0, root[:-1], speed.s[:-1]]), np.concatenate([[0.0], np.cumsum(lasts)]))
+    law = law_of(speed.s, speed.x)
     if not given.jerk:
         return [AveragedMotion(path, law, 0.0)], 0.0
     pushed = np.abs(path.at(speed.s[:-1])[1] * speed.u[:, None]).max(axis=0)
-    full = float((2.0 * pushed / given.limits.jerk).max())
+    full = max(float((2.0 * pushed / given.limits.jerk).max()), before)
     free = np.flatnonzero(np.isnan(fixed))
     kept = float(law.x[free[0] - 1]), float(law.x[-1] - law.x[free[-1] + 1])
     most = min(2.0 * time if moving else np.inf for time, moving in zip(kept, path.speeds, strict=True))

@@ -67,12 +67,16 @@ def fastest_speed(s: Array, rows: tuple[Array, Array, Array], largest: Array, gi
     there = a[1:] + 2.0 * step[:, None] * b[1:], b[1:], c[1:]
     upper, lower, most = _lines(*(np.hstack([one, other]) for one, other in zip(here, there, strict=True)))
     most = np.minimum(np.minimum(most, largest[:-1]), UNLIMITED)
-    low, high = np.full(len(s), given[-1]), np.full(len(s), given[-1])
+    low, high, reach = np.full(len(s), given[-1]), np.full(len(s), given[-1]), 0.5 / step
+    # The last lines of a node lead to the ends of the next one's interval.
+    upper[1][:, -1] = lower[1][:, -1] = -reach
+    above, below = upper[0][:, :-1].min(axis=1), lower[0][:, :-1].max(axis=1)
     for i in range(len(step) - 1, -1, -1):
-        reach = 0.5 / step[i]
-        up = np.append(upper[0][i], high[i + 1] * reach), np.append(upper[1][i], -reach)
-        down = np.append(lower[0][i], low[i + 1] * reach), np.append(lower[1][i], -reach)
-        first, last = _end(up, down, 0.0, upwards=True), _end(up, down, float(most[i]), upwards=False)
+        upper[0][i, -1], lower[0][i, -1] = high[i + 1] * reach[i], low[i + 1] * reach[i]
+        up, down = (upper[0][i], upper[1][i]), (lower[0][i], lower[1][i])
+        rests = min(above[i], upper[0][i, -1]) >= max(below[i], lower[0][i, -1])
+        first = 0.0 if rests else _end(up, down, 0.0, upwards=True)
+        last = _end(up, down, float(most[i]), upwards=False)
         if not first <= last:
             raise NoSpeedError(i)
         if not np.isnan(given[i]):
@@ -90,17 +94,18 @@ def fastest_speed(s: Array, rows: tuple[Array, Array, Array], largest: Array, gi
 
 
 def _lines(a: Array, b: Array, c: Array) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
-    """Rows as lines p + r x above and below u, (n, m) each, and the largest x of rows without u, (n,)."""
+    """Rows as lines p + r x above and below u, (n, m + 1) each, and the largest x of rows without u, (n,).
+
+    The last line is left to be filled in.
+    """
     size = np.maximum(np.abs(a), np.abs(b)) * ROUNDING
     with np.errstate(divide="ignore", invalid="ignore"):
         p, r, alone = c / a, -b / a, c / b
     above, below, bound = a > size, a < -size, (np.abs(a) <= size) & (b > 0.0)
     most = np.where(bound, alone, np.inf).min(axis=1)
-    return (
-        (np.where(above, p, np.inf), np.where(above, r, 0.0)),
-        (np.where(below, p, -np.inf), np.where(below, r, 0.0)),
-        most,
-    )
+    lines = (np.where(above, p, np.inf), np.where(above, r, 0.0), np.where(below, p, -np.inf), np.where(below, r, 0.0))
+    p, r, q, t = (np.pad(part, [(0, 0), (0, 1)]) for part in lines)
+    return (p, r), (q, t), most
 
 
 def _end(up: tuple[Array, Array], down: tuple[Array, Array], x: float, *, upwards: bool) -> float:

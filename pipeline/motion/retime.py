@@ -1,16 +1,16 @@
 r"""Retime a path of an arm's joints: the same positions at the fastest speed within every limit.
 
 Torques along a path are those of the model at the present speed, linear in the path's acceleration and squared speed
-around it; the speed is found in rounds (see `fastest_speed`). Friction has the direction of the path. The jerk is
-limited by a moving average of the path coordinate over time, which keeps the path and its ends: an acceleration that
-jumps by d has the jerk d / T in the average of T s (Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines
-and Robots, 2008, §4.5). What is then left of an excess is removed by a slower clock.
+around it; the speed is found in rounds (see `fastest_speed`), after the first on nodes that are passed at even times:
+evenly along the path they would be far apart in time where it begins and ends, and miss its bends there. Friction has
+the direction of the path. The jerk of bends is limited at the nodes; that of changes of the path's acceleration by a
+moving average of the path coordinate over time, which keeps the path and its ends: an acceleration that jumps by d has
+the jerk d / T in the average of T s (Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines and Robots,
+2008, §4.5). What is then left of an excess is removed by a slower clock.
 
 An end at a given velocity keeps it for T / 2, in which the average still has samples beyond the end, where the law goes
 on at this speed. A slower clock would change it: there the speed between the ends is reduced instead.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
@@ -27,29 +27,24 @@ from pipeline.motion.averaged import (
 from pipeline.motion.fastest_speed import NoSpeedError, PathSpeed, fastest_speed
 from pipeline.motion.feasibility.as_modelled import ModelledArm
 from pipeline.motion.feasibility.check import CheckSettings, interpolated_samples
+from pipeline.motion.path_nodes import MIN_SQUARED_SPEED, PathNodes, TorqueBand
 from pipeline.motion.trajectory import AT_REST, EndVelocities, JointTrajectory
 from urdf.robot import Array, Robot
 
-RETIMED_LIMIT_SHARE = 0.99
-"""Share of each limit that a retimed motion uses, so that it is also kept between nodes and samples."""
 MIN_NODES, MAX_NODES = 200, 500
 """Least and largest number of nodes of the path."""
 LINEARISING_ROUNDS, LOCAL_ROUNDS, LOCAL_ROUNDS_IN_MOTION = 3, 8, 20
 """Rounds in which torques are linearised at the speed of the round before, and rounds after these at most, in which the
 speed is reduced where a limit is exceeded between nodes or samples; the last number where no slower clock follows."""
-MIN_SQUARED_SPEED = 1e-6
-"""Least squared speed at which torques are linearised, in units of the largest [1]: friction has a direction there."""
+LONGEST = 100.0
+"""Longest duration of a motion, in units of that at full speed; at a node where it almost stands it would take days."""
 SERVO_ROUNDS, LEAST_SLOWER = 20, 1.03
 """Most rounds in which a motion is made slower until servos, simulated in closed loop, ask for no more than their
 limits, and by which factor at least."""
-PATH_JERK_SHARE = 0.7
-"""Share of the jerk limit that the bends of a path use at constant speed."""
-CLOCK_STEPS, CLOCK_MARGIN = 40, 1e-3
-"""Most steps to the clock that removes the last excess, and by how much each is slower than the step before needs;
-where ends are in motion, the same for the speed between them."""
-
-TorqueBand = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""Torques of positions, velocities and accelerations, and half the widths of their bands, (n, joints) each."""
+SAMPLE_STEPS, CLOCK_STEPS, CLOCK_MARGIN = 8, 40, 1e-3
+"""Most steps to the clock that removes the last excess. The first add a sample each, because an excess within a sample
+depends on where the samples fall; further ones are slower by this margin than the step before needs. Where ends are in
+motion, the margin is one of the speed between them."""
 
 
 def retimed_on_arm(robot: Robot, points: Array, ends: EndVelocities, settings: CheckSettings) -> JointTrajectory:
@@ -128,64 +123,63 @@ def retimed(
             f"{limits.upper[j]:.4g}"
         )
     path = JointPath(points, limits.velocity, ends)
-    s = np.linspace(0.0, path.length, int(np.clip(2 * path.count, MIN_NODES, MAX_NODES)) + 1)
-    q, first, second, third = path.at(s)
-    with np.errstate(divide="ignore"):
-        most = (RETIMED_LIMIT_SHARE * limits.velocity / np.abs(first)).min(axis=1) ** 2
-        if given.jerk:
-            most = np.minimum(most, (PATH_JERK_SHARE * limits.jerk / np.abs(third)).min(axis=1) ** (2 / 3))
-    speed, tried = PathSpeed(s, most * 0.25, np.zeros(len(s) - 1)), list[tuple[float, AveragedMotion]]()
+    nodes = PathNodes.at(path, np.linspace(0.0, path.length, int(np.clip(2 * path.count, MIN_NODES, MAX_NODES)) + 1))
+    most = nodes.largest(limits.velocity)
+    speed, tried = PathSpeed(nodes.s, most, np.zeros(len(most) - 1)), list[tuple[float, AveragedMotion]]()
     average, longest, moves = 0.0, np.inf, any(path.speeds)
     further = 1.0 + CLOCK_MARGIN if moves else 1.0
     for k in range(LINEARISING_ROUNDS + (LOCAL_ROUNDS_IN_MOTION if moves else LOCAL_ROUNDS)):
-        rows = _torque_rows(torque, (q, first, second), speed.x, given.torque)
-        if given.jerk:
-            bound = np.broadcast_to(RETIMED_LIMIT_SHARE * limits.acceleration, first.shape)
-            a, b, c = rows
-            rows = np.hstack([a, first, -first]), np.hstack([b, second, -second]), np.hstack([c, bound, bound])
+        if k == 1 and given.jerk:  # else nothing smooths what nodes closer than samples allow
+            nodes, speed = nodes.at_even_times(path, speed)
+            most = nodes.largest(limits.velocity)
+        # The first guess is far from the speeds of ends in motion.
+        free = np.isnan(given_speeds(path, nodes.s, average)) & (k > 0 or not moves)
+        rows = nodes.rows(speed.x, given, torque, free)
         while True:
-            fixed = given_speeds(path, s, average)
+            fixed = given_speeds(path, nodes.s, average)
             try:
-                speed = fastest_speed(s, rows, np.fmax(most, fixed), fixed)
+                speed = fastest_speed(nodes.s, rows, np.fmax(most, fixed), fixed)
                 break
             except NoSpeedError as at:
                 if average < 1.0 / RETIMED_RATE:
-                    raise TaskFailedError(_reason(torque, q, first, at.node, given.torque, names, moves)) from at
+                    raise TaskFailedError(_reason(torque, nodes, at.node, given.torque, names, moves)) from at
                 average = longest = average / 2.0
-        averaged, wanted = averaged_motions(path, speed, given, fixed)
+        averaged, wanted = averaged_motions(path, speed, given, fixed, average)
         average = min(max(average, wanted), longest)
-        if k < LINEARISING_ROUNDS - 1:
+        if k < LINEARISING_ROUNDS - 1 or averaged[0].seconds > LONGEST * path.length:
             continue
-        measured = [(one, *_slowness(one.sampled(1.0, names), given, torque)) for one in averaged]
-        motion, time, slower = min(measured, key=lambda one: one[0].seconds * max(1.0, float(one[2].max())))
+        cost, motion, time, slower = _best(averaged, given, torque, names)
         if not moves or slower.max() <= 1.0:
-            tried.append((motion.seconds * max(1.0, float(slower.max())), motion))
-        if slower.max() <= 1.0:
+            tried.append((cost, motion))
+        if slower.max() <= (1.0 + CLOCK_MARGIN if given.jerk and not moves else 1.0):
             break
         most = np.where(speed.x > 0.0, np.minimum(most, speed.x / motion.at_nodes(time, slower * further) ** 2), most)
     found = _slowed(min(tried, key=lambda one: one[0])[1], given, torque, names) if tried else None
     if found is None:
-        raise TaskFailedError(_reason(torque, q, first, None, given.torque, names, moves))
+        raise TaskFailedError(_reason(torque, nodes, None, given.torque, names, moves))
     return found
 
 
-def _torque_rows(
-    torque: TorqueBand, path: tuple[Array, Array, Array], x: Array, largest: Array
-) -> tuple[Array, Array, Array]:
-    """Rows a u + b x <= c of the torques, (n, 2 joints) each; exact at squared speeds x (n,) and almost at rest."""
-    q, first, second = path
-    slow = np.full((len(q), 1), MIN_SQUARED_SPEED * x.max())
-    fast = np.maximum(x[:, None], 2.0 * slow)
-    states = [(slow, 0.0), (fast, 0.0), (fast, 1.0)]
-    found, half = torque(
-        np.vstack([q] * 3),
-        np.vstack([first * np.sqrt(at) for at, _ in states]),
-        np.vstack([second * at + first * u for at, u in states]),
-    )
-    still, moving, pushed = np.split(found, 3)
-    a, b = pushed - moving, (moving - still) / (fast - slow)
-    room, still = RETIMED_LIMIT_SHARE * (largest - half[len(q) : 2 * len(q)]), still - b * slow
-    return np.hstack([a, -a]), np.hstack([b, -b]), np.hstack([room - still, room + still])
+def _best(
+    motions: list[AveragedMotion], given: RetimingLimits, torque: TorqueBand, names: tuple[str, ...]
+) -> tuple[float, AveragedMotion, Array, Array]:
+    """The motion that a clock which keeps all limits leaves shortest: its duration [s], and its times and factors.
+
+    Torques take longest to compute: only of motions that may still be the shortest.
+    """
+    known = [(motion, motion.sampled(1.0, names)) for motion in motions]
+    least = [_clocked(motion, _slowness(samples, given)[1]) for motion, samples in known]
+    found = list[tuple[float, AveragedMotion, Array, Array]]()
+    for i in np.argsort(least).tolist():
+        if not found or least[i] < min(cost for cost, *_ in found):
+            motion, samples = known[i]
+            time, slower = _slowness(samples, given, torque)
+            found.append((_clocked(motion, slower), motion, time, slower))
+    return min(found, key=lambda one: one[0])
+
+
+def _clocked(motion: AveragedMotion, slower: Array) -> float:
+    return motion.seconds * max(1.0, float(slower.max()))
 
 
 def _slowed(
@@ -193,26 +187,30 @@ def _slowed(
 ) -> JointTrajectory | None:
     """A motion with the fastest clock that keeps the limits at and between its samples; None if there is none."""
     clock = 1.0
-    for _ in range(CLOCK_STEPS):
+    for k in range(CLOCK_STEPS):
         found = motion.sampled(clock, names)
         slower = float(_slowness(found, given, torque)[1].max())
         if slower <= 1.0:
             return found
-        clock /= slower * (1.0 + CLOCK_MARGIN)
+        clock /= slower * (1.0 + CLOCK_MARGIN) if k >= SAMPLE_STEPS else 1.0 + 1.0 / (found.time[-1] * RETIMED_RATE)
     return None
 
 
-def _slowness(motion: JointTrajectory, given: RetimingLimits, torque: TorqueBand) -> tuple[Array, Array]:
-    """Times (m,), and factors (m,) by which the motion must be slower there; at most 1 where it keeps all limits."""
+def _slowness(motion: JointTrajectory, given: RetimingLimits, torque: TorqueBand | None = None) -> tuple[Array, Array]:
+    """Times (m,), and factors (m,) by which the motion must be slower there; at most 1 where it keeps the limits.
+
+    Without `torque` they are those of the other limits.
+    """
     limits, (time, q, v, a) = given.limits, interpolated_samples(motion.time, motion.q, motion.v, motion.a)
-    found, half = torque(q, v, a)
     middle = (motion.time[1:] + motion.time[:-1]) / 2.0
 
     def slopes(values: Array) -> Array:
         return np.abs(np.diff(values, axis=0)) / np.diff(motion.time)[:, None]
 
     needed = [(time, np.abs(v) / limits.velocity), (middle, slopes(motion.q) / limits.velocity)]
-    needed += [(time, np.sqrt((np.abs(found) + half) / given.torque))]
+    if torque is not None:
+        found, half = torque(q, v, a)
+        needed += [(time, np.sqrt((np.abs(found) + half) / given.torque))]
     if given.jerk:
         needed += [(time, np.sqrt(np.abs(a) / limits.acceleration))]
         needed += [(middle, np.sqrt(slopes(motion.v) / limits.acceleration))]
@@ -221,16 +219,10 @@ def _slowness(motion: JointTrajectory, given: RetimingLimits, torque: TorqueBand
 
 
 def _reason(
-    torque: TorqueBand,
-    q: Array,
-    way: Array,
-    node: int | None,
-    largest: Array,
-    names: tuple[str, ...],
-    moves: bool,
+    torque: TorqueBand, nodes: PathNodes, node: int | None, largest: Array, names: tuple[str, ...], moves: bool
 ) -> str:
     """Why no speed is feasible: a joint that cannot even creep, or an end that cannot be reached."""
-    slow = np.sqrt(MIN_SQUARED_SPEED) * way
+    q, slow = nodes.q, np.sqrt(MIN_SQUARED_SPEED) * nodes.first
     found, half = torque(q, slow, np.zeros_like(q))
     share = (np.abs(found) + half) / largest
     i, j = np.unravel_index(int(share.argmax()), share.shape)

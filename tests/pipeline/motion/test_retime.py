@@ -13,7 +13,8 @@ from pipeline.motion.averaged import RetimingLimits
 from pipeline.motion.fastest_speed import fastest_speed
 from pipeline.motion.feasibility import CheckSettings, check_joints
 from pipeline.motion.feasibility.read import read_trajectory
-from pipeline.motion.retime import RETIMED_LIMIT_SHARE, retimed, retimed_on_arm
+from pipeline.motion.path_nodes import RETIMED_LIMIT_SHARE
+from pipeline.motion.retime import retimed, retimed_on_arm
 from pipeline.motion.trajectory import AT_REST, EndVelocities
 from urdf import load
 from urdf.robot import Limits
@@ -85,6 +86,17 @@ def test_a_jerk_limit_gives_the_time_of_a_double_s_within_a_tenth():
     assert fastest < found.time[-1] < 1.1 * fastest
     assert found.q[[0, -1], 0] == pytest.approx([0.0, 2.0], abs=1e-12)
     assert np.abs(found.v[[0, -1]]).max() < 1e-9
+
+
+@pytest.mark.parametrize("length", [0.001, 0.002])
+def test_a_small_bend_at_the_start_does_not_slow_the_whole_motion(length):
+    """3 rad with 2 rad/s, 20 rad/s^2 and 1000 rad/s^3 take 3 / 2 + 2 / 20 + 20 / 1000 s without the bend."""
+    two, x = np.ones(2), 3.0 * np.linspace(0.0, 1.0, 400) ** 3
+    points = np.c_[x, 2.0 * length * np.sin(np.pi * np.minimum(x / length, 1.0)) ** 3]
+    given = RetimingLimits(Limits(-4 * two, 4 * two, 2 * two, 20 * two, 1000 * two, 10 * two), np.inf * two)
+    found = retimed(points, ("q", "r"), given, lambda q, v, a: (0 * v + 0 * a, 0 * q))
+    assert found.time[-1] < 1.12 * (3.0 / 2.0 + 2.0 / 20.0 + 20.0 / 1000.0)
+    assert np.abs(np.diff(found.a, axis=0)).max() / np.diff(found.time).min() <= 1000.0 * 1.0001
 
 
 def inertia(q, v, a):
