@@ -109,7 +109,9 @@ class Repair(Displayable):
             tables=[steps],
         )
         fits = {"as given": self.steps[0].fit} | ({"repaired": self.after.fit} if len(self.path) > 1 else {})
-        compared = self.after.document()
+        added = {name for step in self.path for name in step.added}
+        added_first = dict(sorted(self.after.parameters.items(), key=lambda item: item[1].effect not in added))
+        compared = replace(self.after, parameters=added_first).document()
         links = [link_section(self.links)] if self.links else []
         values, *others = compared.sections
         values = replace(values, sentence=f"{_condition_of_values(self.path)}{values.sentence}")
