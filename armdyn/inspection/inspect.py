@@ -25,7 +25,7 @@ from armdyn.inspection.check import (
 )
 from armdyn.inspection.correction import Correction
 from armdyn.inspection.holds import sticking_spans
-from armdyn.inspection.kinematics import rate_checks, without_inconsistent_rates
+from armdyn.inspection.kinematics import degree_checks, rate_checks, without_inconsistent_rates
 from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.inspection.mistakes import arm_mistakes
 from armdyn.inspection.signals import (
@@ -92,7 +92,10 @@ def inspect_runs(
             continue
         found += (check for check in physical if check.run == run.name)
         if compare is None or not any(channel_kind(name).measured for name in mended.channels):
-            found += range_checks(mended)
+            turned = list(degree_checks(mended, model.robot)) if model is not None and model.robot is not None else []
+            found += turned or range_checks(mended)
+            for check in turned:
+                mended = (check.correction or Correction()).applied_to(mended)
         for check in physical:
             mended = (check.correction or Correction()).applied_to(mended) if check.run == run.name else mended
         refuses = check_steps if model is None else partial(check_run, model, adding=adding)

@@ -1,18 +1,23 @@
-"""Compare recorded velocities with derivatives of recorded positions: units, signs, columns and clocks."""
+"""Compare positions with joint ranges, and velocities with derivatives of positions: units, signs, columns, clocks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+import urdf
 from armdyn.inspection import signals
-from armdyn.inspection.check import Check, CheckKind, Severity, names_in_words, rounded
+from armdyn.inspection.check import MODEL_PLACEHOLDER, Check, CheckKind, Severity, names_in_words, rounded
 from armdyn.inspection.correction import CorrectedReading, Correction
 from armdyn.object_cache import cached_with_first_argument
 from armdyn.recording.channels import Channel
 from armdyn.recording.noise import white_noise_std
 from armdyn.run import Run
 
+DEGREES_POSITION_TO_RANGE_RATIO = 2.0
+"""Ratio of a joint position to the joint's range above which positions are probably in degrees."""
+RANGE_SLACK = 0.05
+"""Share of a range by which a recorded position may exceed it: a stop gives way, and an encoder's zero is wrong."""
 RATE_COMPARISON_TIMES = 400
 """Number of moments at which recorded rates are compared with slopes of positions."""
 SLOPE_FIT_HALF_WIDTH_SECONDS = 0.025
@@ -75,6 +80,52 @@ class RateAndSlope:
     def correlation(self) -> float:
         """Absolute correlation of the rate and the slope of the position."""
         return abs(_correlation(self.slope, self.value))
+
+
+def joint_in_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> tuple[str, float, float] | None:
+    """The joint whose position exceeds its range most, where positions in rad are certainly in degrees.
+
+    They exceed a range by far, and all are within their ranges as degrees.
+
+    Returns:
+        Name of the joint, its largest position and the largest of its range [rad]; None where positions are in rad.
+    """
+    reached = dict[str, tuple[float, float]]()
+    for name, lower, upper in zip(robot.joint_names, robot.limits.lower, robot.limits.upper, strict=True):
+        channel = channels.get(f"q.{name}")
+        if channel is None or channel.unit != "rad" or not np.isfinite([lower, upper]).all():
+            continue
+        far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
+        slack, turned = RANGE_SLACK * (upper - lower), np.radians(channel.value)
+        if turned.min() < lower - slack or turned.max() > upper + slack:
+            return None
+        if far > DEGREES_POSITION_TO_RANGE_RATIO * widest:
+            reached[name] = far, widest
+    if not reached:
+        return None
+    name, (far, widest) = max(reached.items(), key=lambda item: item[1][0])
+    return name, far, widest
+
+
+def degree_checks(run: Run, robot: urdf.Robot) -> Iterator[Check]:
+    """The finding that the positions of a recording, and the commands beside them, are in degrees and called rad."""
+    found = joint_in_degrees(run.channels, robot)
+    if found is None:
+        return
+    name, far, widest = found
+    quantities = ("q", "v", "a", "q_cmd", "v_cmd")
+    turning = {f"{kind}.{joint}" for kind in quantities for joint in robot.joint_names}
+    names = [n for n, c in run.channels.items() if n in turning and c.unit.startswith("rad")]
+    said = (
+        f"q.{name} reaches {rounded(far)} rad, where its limit is {rounded(widest)} rad; in degrees all positions are"
+    )
+    yield Check(
+        "angle_unit", Severity.WRONG, run.name, tuple(names),
+        f"{said} within their limits: angles are in degrees and called rad",
+        f"write the unit deg in the mapping or the header, or: armdyn inspect {MODEL_PLACEHOLDER} "
+        f"{run.source or run.name} --fix fixed",
+        correction=Correction({n: CorrectedReading(n, np.pi / 180.0) for n in names}),
+    )  # fmt: skip
 
 
 def rate_checks(run: Run) -> Iterator[Check]:

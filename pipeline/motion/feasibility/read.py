@@ -9,6 +9,7 @@ from scipy.interpolate import UnivariateSpline, make_interp_spline
 
 import urdf
 from armdyn.errors import InputError, UnknownNameError, error_location
+from armdyn.inspection.kinematics import joint_in_degrees
 from armdyn.recording.channels import Channel
 from armdyn.recording.csv_run import read_csv
 from armdyn.recording.noise import noise_std_from_differences
@@ -147,10 +148,6 @@ def is_line_csv(path: Path) -> bool:
     return "s" in _header(path)
 
 
-DEGREES_POSITION_TO_RANGE_RATIO = 2.0
-"""Ratio of a joint position to the joint's range above which positions are probably in degrees."""
-
-
 def read_trajectory(source: Path | str | Run, robot: urdf.Robot) -> JointTrajectory | LineTrajectory:
     """Read a motion of the joints, or of the tool along the line, from a CSV file or a recording.
 
@@ -225,17 +222,9 @@ def _sample(channels: Mapping[str, Channel], kinds: Sequence[Sequence[str]]) -> 
 
 def _refuse_degrees(channels: Mapping[str, Channel], robot: urdf.Robot) -> None:
     """Refuse positions that exceed the joints' ranges by far as radians, and are within them as degrees."""
-    reached, within = {}, True
-    for name, lower, upper in zip(robot.joint_names, robot.limits.lower, robot.limits.upper, strict=True):
-        channel = channels[f"q.{name}"]
-        if channel.unit == "rad" and np.isfinite(lower) and np.isfinite(upper):
-            far, widest = float(np.max(np.abs(channel.value))), max(abs(lower), abs(upper))
-            if far > DEGREES_POSITION_TO_RANGE_RATIO * widest:
-                reached[name] = far, widest
-            turned = np.radians(channel.value)
-            within = within and bool(np.all((turned >= lower) & (turned <= upper)))
-    if reached and within:
-        name, (far, widest) = max(reached.items(), key=lambda item: item[1][0])
+    found = joint_in_degrees(channels, robot)
+    if found is not None:
+        name, far, widest = found
         raise InputError(
             f"q.{name} reaches {far:.4g} rad, where its limit is {widest:.4g} rad: this looks like degrees; write the "
             f"columns as 'q.{name} [deg]', or convert them"

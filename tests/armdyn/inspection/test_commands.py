@@ -74,7 +74,11 @@ def test_a_position_in_degrees_is_found_by_its_command(motion):
 def test_positions_and_commands_in_degrees_are_beyond_what_joints_reach(motion):
     urdf, q, told = motion
     found = inspect_runs([run_of(np.rad2deg(q), np.rad2deg(told))], arm_model(urdf).with_drives({"servo": DRIVE}))
-    assert "is it in deg?" in found.sentence
+    assert "in degrees and called rad" in found.sentence
+    assert not found.usable
+    mended = next(iter(found.corrected().values())).applied_to(found.runs[0])
+    np.testing.assert_allclose(mended.channels["q.elbow_flex"].value, q[:, ELBOW], atol=1e-12)
+    assert inspect_runs([run_of(q, told)], arm_model(urdf).with_drives({"servo": DRIVE})).usable
 
 
 def test_a_command_that_holds_is_no_sensor_that_is_stuck(motion):
