@@ -339,7 +339,13 @@ class CheckedStudy:
         arm = model.capability(ArmModel)
         if arm is None:
             return found
-        return replace(found, rollout=simulated_position_errors(arm, self.study.recordings), drives=arm.drives)
+        declared = None if self.declared is None else self.declared.capability(ArmModel)
+        return replace(
+            found,
+            rollout=simulated_position_errors(arm, self.study.recordings),
+            drives=arm.drives,
+            stated_drives={} if declared is None else declared.drives,
+        )
 
     def _telling(self, found: Comparison, model: Model | None = None) -> Comparison:
         """A comparison with sentences on what was set aside, open questions of a model, and mistakes in exam runs."""

@@ -130,7 +130,8 @@ def name_suggestion(name: str, valid: Sequence[str]) -> str:
     holding = [each for each in valid if len(name) >= MIN_WORD_LENGTH and name in each][:MAX_SUGGESTED_NAMES]
     if holding:
         return f"did you mean {' or '.join(map(repr, holding))}?"
-    close = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name, valid, n=MAX_SUGGESTED_NAMES, cutoff=0.5)
+    close = [each for each in close if sorted(each) == sorted(name)] or close  # two letters that are exchanged
     listed = ", ".join(valid[:MAX_LISTED_NAMES]) + (", ..." if len(valid) > MAX_LISTED_NAMES else "")
     return f"did you mean '{close[0]}'?" if close else f"choose one of: {listed}"
 

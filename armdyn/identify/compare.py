@@ -94,6 +94,7 @@ class Comparison(Displayable):
         rollout: simulated against recorded motion of an arm; empty where the runs do not contain the input of every
             joint's drive.
         drives: drives of an arm, by joint group, with their estimated gains; for an arm whose runs contain commands.
+        stated_drives: the same drives as the model's file states them.
     """
 
     study: Study
@@ -113,6 +114,7 @@ class Comparison(Displayable):
     bands: PredictionBands | None = None
     rollout: tuple[SimulatedPositionError, ...] = ()
     drives: Mapping[str, Servo] = field(default_factory=dict)
+    stated_drives: Mapping[str, Servo] = field(default_factory=dict)
 
     def document(self) -> Document:
         """Build the tables of parameters, channels and places where the model fails."""
@@ -125,7 +127,7 @@ class Comparison(Displayable):
                 " ".join([*self.remarks, *held]),
                 tables=[parameter_table(self.parameters), channel_table(self.channels, prepared)],
             ),
-            *([drive_section(self.drives, self.parameters)] if self.drives else []),
+            *([drive_section(self.drives, self.stated_drives, self.parameters)] if self.drives else []),
             *([motion_section(self.rollout)] if self.rollout else []),
             *(
                 [failing_range_section(self.failing_ranges, self.scale.units)]

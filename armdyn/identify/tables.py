@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MAX_LISTED_VALUES = 6
 """Largest number of values of an effect that a table of candidates lists."""
+SURPRISING_STDS = 3.0
+"""Standard deviations by which an identified gain differs from the stated one if a sentence says so."""
 MAX_LISTED_FAILING_RANGES = 6
 """Largest number of ranges in a table of where a model fails."""
 ROLE_REMARKS = {"training": "", "held_out": " (held out)", "exam": " (exam)"}
@@ -288,8 +290,10 @@ ROLLOUT_WORDS = {
 }
 
 
-def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]) -> Section:
-    """Section on the gains and delays of identified drives, by the name of the drive.
+def drive_section(
+    drives: Mapping[str, "Servo"], stated: Mapping[str, "Servo"], parameters: Mapping[str, Parameter]
+) -> Section:
+    """Section on the gains and delays of identified drives, by the name of the drive, beside those that were stated.
 
     Where no recording determines a gain, a second table has the ratios of parameters to it.
     """
@@ -321,7 +325,20 @@ def drive_section(drives: Mapping[str, "Servo"], parameters: Mapping[str, Parame
                 "ratios",
             )
         )
-    text = "Gain, and delay from a command to its torque; ± counts a usual load that nobody wrote down:"
+    text = (
+        "Gain, and delay from a command to its torque. The gain's std includes that the arm may carry a usual load "
+        "which nobody has stated. Frictions and inertias are in proportion to the gain; their std are at this gain."
+    )
+    for name, _, gain in known:
+        before = stated[name].gain if name in stated else None
+        if before is None or before.std is None:
+            continue
+        apart = gain.value - before.value
+        if abs(apart) > SURPRISING_STDS * float(np.hypot(before.std, gain.std or 0.0)):
+            text += (
+                f" The gain of {name} is {gain.value / before.value:.2g} times the stated one ({before.value:.3g} +/- "
+                f"{before.std:.2g} {before.unit}): its settings, such as the register P, differ from the usual ones."
+            )
     return Section("Drives", text, tables=tables)
 
 

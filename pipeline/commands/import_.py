@@ -266,7 +266,9 @@ def _say(found: "list[ImportedRun]", written: list[Path], choice: RobotChoice, d
         if drive:
             typer.echo("no torque was recorded, but commands: the motion of the arm under its drives is compared")
             if not known:
-                typer.echo(f"  servos with known gains, as in '--drive sts3215=all': {', '.join(KNOWN_DRIVES)}")
+                typer.echo(
+                    f"  known servos, as in '--drive sts3215=all' for an SO-100 or SO-101: {', '.join(KNOWN_DRIVES)}"
+                )
         silent = not drive and not runs[0].predictable_channels
         typer.echo("no torque was recorded: only what is measured can be compared" if silent else repair)
     else:

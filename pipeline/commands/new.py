@@ -62,6 +62,8 @@ class NewModelOptions:
     json_file: JsonOption = None
 
 
+MAX_LISTED_RUNS = 6
+"""Largest number of recordings that a proposed command lists, the last one as held out."""
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -165,7 +167,10 @@ def _write(
         typer.echo(f"{path}: {', '.join([model.base, *what])}")
         for note in notes:
             typer.echo(f"  {note}")
-        runs = "runs/*.csv" if any(Path("runs").glob("*.csv")) else "RUN..."  # where an import has written them
+        imported = sorted(Path("runs").glob("*.csv"))  # where an import has written them
+        runs = "runs/*.csv" if imported else "RUN..."
+        if 1 < len(imported) <= MAX_LISTED_RUNS:
+            runs = shell_quoted_command(*imported[:-1], "--held-out", imported[-1]).removeprefix("armdyn ")
         typer.echo(f"next: {shell_quoted_command('repair', path)} {runs} --output repaired.toml --report repair.html")
 
 

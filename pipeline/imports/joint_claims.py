@@ -8,6 +8,7 @@ from armdyn.recording.channels import WRENCH_CHANNELS
 from pipeline.imports.claims import Claim
 from pipeline.imports.joints import RobotJoints, contains_phrase, match_joints, words_with_numbers_masked
 from pipeline.imports.mapping import ColumnEntry
+from pipeline.imports.units import ANGLE_OR_SHARE_DOUBT
 from pipeline.imports.words import (
     COMMAND_WORDS,
     IRRELEVANT_WORDS,
@@ -37,7 +38,7 @@ def labels_of_joints(labels: Mapping[str, ColumnHeaderParts], known: RobotJoints
             continue
         quantity, doubt = label.quantity, label.doubt
         if LEROBOT_STATE in name.lower() and quantity in ("", "q"):
-            quantity, doubt = "q", "degrees, radians or a share of the joint's range?"
+            quantity, doubt = "q", ANGLE_OR_SHARE_DOUBT
         elif label.words[:1] == ("a",) and {("a", "#"), ("q", "#"), ("v", "#")} <= kinds.keys():
             quantity = "a"  # Pinocchio's name of an acceleration, not an axis
         elif not quantity and _names_a_joint(label, kinds[words_with_numbers_masked(label.words)], known):

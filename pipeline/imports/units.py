@@ -38,6 +38,10 @@ UPRIGHT_MEAN_ANGLE_TOLERANCE = 0.5
 """Largest distance of the mean swing angle from half a turn at which the angle is measured from the upright [rad]."""
 ASSUMED_UNIT_DOUBT = "unit assumed"
 """Doubt about a unit that neither the header nor the numbers determine."""
+ANGLE_OR_SHARE_DOUBT = "degrees, radians or a share of the joint's range?"
+"""Doubt about LeRobot's positions."""
+SERVO_COUNTS_PER_TURN = (4096, 4095)
+"""Counts of a servo's encoder in a turn, also as LeRobot divides them; in shares of a range they have other steps."""
 ENCODER_COUNTS_DOUBT = "whole numbers: counts of an encoder, which need a scale? --drive KIND=all states a servo's"
 """Doubt about positions that are large whole numbers."""
 
@@ -93,12 +97,17 @@ def entries_with_inferred_units(
     sizes = {c.column: largest_magnitude(columns[c.column]) for c in claims}
     angle = _angle_unit([sizes[c.column] for b, c in positions.items() if not (known.slides(b) or c.label.unit)])
     strange = _torque_doubt(claims, sizes, known)
+    shares = [columns[c.column] for c in claims if ANGLE_OR_SHARE_DOUBT in c.doubts]
+    counts = next((n for n in SERVO_COUNTS_PER_TURN if all(_in_steps(each, 360.0 / n) for each in shares)), None)
     entries: dict[str, ColumnEntry] = {}
     for c in sorted(claims, key=lambda claim: claim.label.quantity != "q"):
         written, size, limits = c.label.unit, sizes[c.column], known.ranges.get(c.body)
         at = positions.get(c.body)
         of = entries[at.column].unit if at is not None and at is not c else "m" if known.slides(c.body) else angle[0]
         unit, why, doubts, constant = written, "unit as written", list(c.doubts), ""
+        if counts is not None and ANGLE_OR_SHARE_DOUBT in doubts:
+            doubts.remove(ANGLE_OR_SHARE_DOUBT)
+            unit, why = "deg", f"in steps of 1/{counts} turn, as its encoder counts"
         if c.label.quantity == "q":
             if not unit:
                 unit, why, doubt = _length_unit(size, limits) if limits is not None and limits.slides else angle
@@ -134,6 +143,12 @@ def entries_with_inferred_units(
 def joined_doubts(doubts: Sequence[str]) -> str:
     """Join doubts to one text, without empty and repeated ones."""
     return "; ".join(dict.fromkeys(filter(None, doubts)))
+
+
+def _in_steps(columns: Sequence[ForeignColumn], step: float) -> bool:
+    """Whether all values are multiples of half a step; a zero may lie between two counts."""
+    steps = np.concatenate([2.0 * c.value / step for c in columns])
+    return bool(np.nanmax(np.abs(steps - np.round(steps)), initial=0.0) < 0.02 and np.nanmax(np.abs(steps)) > 2.0)
 
 
 def _is_whole(columns: Sequence[ForeignColumn]) -> bool:

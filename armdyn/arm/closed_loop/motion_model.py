@@ -221,7 +221,8 @@ class MotionModel(ArmModel):
                 j = self.arm.joints.index(self.parameters[self.names[i]].joint)
                 by[:, :, i] += begun[j] * slopes[:, :, len(own) + len(places) + j]
                 by[:, j, i] -= self._lag_slope(found, theta, window.time, (i, j), sides[:, j])
-        by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([change for _, change in others])
+        with np.errstate(all="ignore"):  # a motion may run away
+            by[:, :, places] = slopes[:, :, len(own) : len(own) + len(places)] / np.array([c for _, c in others])
         most = MAX_POSITION_CHANGE / np.array([p.typical for p in self.parameters.values()])
         by = np.clip(np.nan_to_num(by), -most, most)
         parts = [(f"q.{joint}", window.time, _held(read[:, j]), by[:, j]) for j, joint in self._moving(run)]

@@ -161,7 +161,7 @@ def _notes(robot: urdf.Robot, series: Sequence[LimitedQuantity], arm: ModelledAr
     if arm is not None:
         margin = "farther from 0 by half their band of 95 %"
         if not arm.error.any():
-            margin = "and its file has no error of a repair: their margin counts only its values' deviations"
+            margin = "which no repair has compared with measured ones: their margin counts only its values' deviations"
         found.append(f"torques are those of the model, {margin}")
         if arm.left_out:
             found.append(f"left out, as they depend on what was before: {', '.join(arm.left_out)}")

@@ -61,6 +61,18 @@ def test_states_and_actions_of_a_lerobot_table_are_positions_and_commands_whose_
     assert {entry.check for entry in found.entries.values()} == {"degrees, radians or a share of the joint's range?"}
 
 
+@pytest.mark.parametrize("counts", [4096, 4095])
+def test_positions_in_steps_of_a_servos_encoder_are_degrees_without_a_question(counts, tmp_path):
+    step = 360.0 / counts
+    q = step * np.round(np.rad2deg(motion()[0]) / step)
+    shares = 200.0 / 1713 * np.round(np.rad2deg(motion()[0]) * 1713 / 200.0)  # of a range of 1713 counts
+    for values, asks in ((q, False), (shares, True)):
+        lists = [[f'"{row.tolist()}"' for row in x] for x in (values, values + 2.0)]
+        found = guess_map([table(tmp_path / "a.csv", "timestamp,observation.state,action", *lists)], ROBOT)
+        assert {entry.unit for entry in found.entries.values()} == {"deg"}
+        assert {bool(entry.check) for entry in found.entries.values()} == {asks}
+
+
 def test_a_column_of_names_says_which_joint_an_entry_is_in_any_order(tmp_path):
     """Two drivers take turns, as on a topic of joint states: each writes its own joints, in its own order."""
     q = motion()[0]
