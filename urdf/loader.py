@@ -284,11 +284,10 @@ def _held(root: ET.Element, carried: list[str], arm: tuple[str, ...]) -> list[st
         if leader in arm
     ]
     others = [name for name in carried if leaders.get(name) not in arm]
-    return said + (
-        [f"{', '.join(others)} held at 0 or as recorded; name the joints to have their torques explained"]
-        if others
-        else []
-    )
+    if others:
+        beside = "not part of the model: at 0, or where a recording has them; --joints names all joints to compare"
+        said.append(f"{', '.join(others)} {beside}")
+    return said
 
 
 def _limits(model: pin.Model, given: LimitSettings) -> Limits | None:

@@ -161,7 +161,7 @@ class Comparison(Displayable):
             found.append(
                 f"{name} ended on its physical bound, {value:.4g} {unit}: it may stand in for a missing effect."
                 if value
-                else f"{name} ended at 0, its least possible value: these runs show nothing of it."
+                else f"{name} ended at 0, its least possible value: these runs show none."
             )
         found += [f"{one.sentence}." for one in self.unidentified_combinations]
         for name in self.undetermined:
@@ -201,17 +201,12 @@ class Comparison(Displayable):
                 f"correlated as the residual (up to {self.std_inflation:.2g} times the noise's); what is missing may "
                 "still shift a value further."
             )
+        what = "The remaining error is not white noise: "
+        if self.explained:
+            what = "The remaining error is as small as the noise, but neighbouring samples have similar errors: "
         if self.fit.weighted is not None:
-            return (
-                "The remaining error is not white noise; the standard deviations are enlarged for its size and "
-                "correlation."
-            )
-        small = (
-            "as small as the noise, but not white: neighbouring samples have similar errors, so"
-            if self.explained
-            else "not white noise:"
-        )
-        return f"The remaining error is {small} the true uncertainty may be larger than the standard deviations."
+            return f"{what}the standard deviations are enlarged for its size and correlation."
+        return f"{what}the true uncertainty may be larger than the standard deviations."
 
     @property
     def sentence(self) -> str:

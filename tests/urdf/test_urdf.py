@@ -148,7 +148,7 @@ def test_what_is_hardly_meant_or_no_part_of_the_model_is_named(toy) -> None:
         (third(LIMIT + dynamics), None,
          "damping of <dynamics> (j2 0.7) is not a part of the model: add joint_viscous_friction"),
         (arm(), ("j0", "j1", "j3"),
-         "j2, j4, j5 held at 0 or as recorded; name the joints to have their torques explained"),
+         "j2, j4, j5 not part of the model: at 0, or where a recording has them; --joints names all joints to compare"),
     ):  # fmt: skip
         assert said in " | ".join(urdf.load(toy(text), joints=joints).notes)
 
