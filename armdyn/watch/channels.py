@@ -1,6 +1,6 @@
 """Which channels a watch compares with the model: torques of the joints, and the axes of force/torque sensors."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -35,19 +35,20 @@ class WatchedChannels:
     reaction: np.ndarray
 
     @classmethod
-    def of(cls, model: ArmModel, runs: Sequence[Run] = (), *, sensed: bool = True) -> Self:
+    def of(cls, model: ArmModel, runs: Sequence[Run] = (), *, sensed: Collection[str] | None = None) -> Self:
         """Those of an arm that runs contain: no sensor that one lacks, no joint's torque if one has a wrench alone.
 
         Args:
             model: the arm.
             runs: recordings that are to be watched.
-            sensed: whether sensors are watched at all.
+            sensed: names of the sensors that may be watched; None for all.
         """
         joints = model.arm.joints
         sensors = [
             name
             for name, sensor in model.sensors.items()
-            if sensed and all(channel in run.channels for run in runs for channel in sensor.channels)
+            if (sensed is None or name in sensed)
+            and all(channel in run.channels for run in runs for channel in sensor.channels)
         ]
         torques = not sensors or all(f"tau.{joint}" in run.channels for run in runs for joint in model.joints)
         axes = [channel for name in sensors for channel in model.sensors[name].channels]

@@ -14,7 +14,7 @@ import typer
 from armdyn.atomic import CrashSafeGrowingFile
 from armdyn.errors import InputError
 from armdyn.quoting import shell_quoted_command
-from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption
+from pipeline.console.options import ArmOption, EffectsOption, ModelArgument, NoBrowserOption, WrenchTopicOption
 from pipeline.console.outputs import check_outputs
 from pipeline.console.screen import progress_display
 
@@ -36,6 +36,7 @@ def watch(
     ] = None,
     ros: Annotated[str | None, typer.Option("--ros", help="Address of the rosbridge, ws://HOST:9090.")] = None,
     arm: ArmOption = "baxter",
+    wrench: WrenchTopicOption = None,
     calibrate: Annotated[
         list[Path] | None,
         typer.Option(
@@ -80,12 +81,16 @@ def watch(
     from armdyn.watch.channels import WatchedChannels
     from armdyn.watch.fault_free import statistics_of_model_error, statistics_of_recordings
     from armdyn.watch.watch import Watch
+    from pipeline.ros.bridge import RosBridge
+    from pipeline.ros.wrenches import chosen_wrench_topics, topics_with_wrenches
     from pipeline.watch.log import SampleLog
     from pipeline.watch.sources import read_arm_runs, recordings_in, sample_sources
 
-    runs, calibrate = runs or [], recordings_in(calibrate or [])
+    runs, calibrate, topics = runs or [], recordings_in(calibrate or []), chosen_wrench_topics(wrench or ())
     if (ros is None) == (not runs) or (STANDARD_STREAM in runs and len(runs) > 1):
         raise InputError("a watch needs one source: recordings, '-' for standard input, or --ros ws://HOST:9090")
+    if topics and ros is None:
+        raise InputError("--wrench names a topic: it needs --ros ws://HOST:9090; recordings contain their sensors")
     live = ros is not None or runs == [STANDARD_STREAM]
     files = [] if live else recordings_in(runs)
     check_outputs(log, json_file, inputs=[model, *files, *calibrate])
@@ -96,7 +101,13 @@ def watch(
         sound_runs, watched = read_arm_runs(given, calibrate), read_arm_runs(given, files)
         given = given.adapted_to([*sound_runs, *watched])
         further = find_several(changes, own) if changes is not None else ()
-        channels = WatchedChannels.of(given, [*sound_runs, *watched], sensed=ros is None)
+        if unknown := topics.keys() - given.sensors:
+            raise InputError(
+                f"--wrench {min(unknown)}: {model} has no such force/torque sensor; it has "
+                f"{', '.join(given.sensors) or 'none'}: see docs/wrench.md"
+            )
+        sensed = None if ros is None else topics
+        channels = WatchedChannels.of(given, [*sound_runs, *watched], sensed=sensed)
         say("measuring a sound robot")
         with error_location(model):
             if sound_runs:
@@ -109,8 +120,11 @@ def watch(
     with ExitStack() as stack:
         kept = SampleLog(log, channels) if log is not None else None
         out = _Out(model, effects, json_file, sound, stack)
-        why = "joint states have none" if ros is not None else "a recording lacks it"
         for sensor in given.sensors.keys() - {*channels.sensors}:
+            why = "a recording lacks it"
+            if ros is not None and sensor not in topics:
+                with RosBridge(ros) as bridge:
+                    why = f"add --wrench {sensor}=TOPIC; {topics_with_wrenches(bridge)}"
             out.note(f"The wrench of the sensor {sensor} is not watched: {why}.")
         if kept is not None:
             stack.callback(kept.close)
@@ -123,7 +137,7 @@ def watch(
             if not no_browser and sys.stdout.isatty():
                 shown.open()
         ended, recorded = threading.Event(), [*zip(files, sample_sources(given, watched, channels), strict=True)]
-        for name, samples in _sources(watching, ros, arm, recorded, ended):
+        for name, samples in _sources(watching, ros, arm, topics, recorded, ended):
             out.source, heard = name, time.monotonic()
             watching.begin_source()
             for sample in samples:
@@ -152,6 +166,7 @@ def _sources(
     watching: "Watch",
     ros: str | None,
     arm: str,
+    wrenches: Mapping[str, str],
     recorded: "list[tuple[Path, Callable[[], Iterator[JointSample]]]]",
     ended: threading.Event,
 ) -> "Iterator[tuple[Path | None, Iterator[JointSample | None]]]":
@@ -159,13 +174,14 @@ def _sources(
 
     A signal that ends standard input sets `ended`.
     """
-    from pipeline.watch.sources import RosSampleSource, samples_from_lines
+    from pipeline.watch.sources import samples_from_lines
 
     if ros is not None:
         from pipeline.ros.topics import read_topics, settings_file
+        from pipeline.watch.ros_source import RosSampleSource
 
         topic = read_topics(settings_file(arm)).joint_states
-        yield None, RosSampleSource(ros, topic, watching.model.arm.joints).samples()
+        yield None, RosSampleSource(ros, topic, watching.channels, wrenches).samples()
     elif recorded:
         for file, samples in recorded:
             yield file, samples()

@@ -51,6 +51,14 @@ RosOption = Annotated[str, typer.Option("--ros", metavar="ws://HOST:9090", help=
 ArmOption = Annotated[
     str, typer.Option("--arm", help="The arm: name of a known robot, or a settings file with a table for ROS.")
 ]
+WrenchTopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--wrench",
+        metavar="SENSOR=TOPIC",
+        help="Topic of a force/torque sensor (WrenchStamped): ft=/ft_sensor/wrench; may be repeated.",
+    ),
+]
 CalibrationOption = Annotated[
     Path | None,
     typer.Option(help="File that 'armdyn loadcell calibrate' wrote; by default that in your settings directory."),

@@ -107,8 +107,8 @@ class RosBridge(Closable):
         """
         self._send({"op": "publish", "topic": topic, "msg": message})
 
-    def call(self, service: str) -> None:
-        """Call a service that has no arguments, and wait for its answer.
+    def call(self, service: str, given: Mapping[str, Any] | None = None) -> Message:
+        """Call a service with arguments by name, and wait for its answer, values by name.
 
         Raises:
             InputError: no answer arrived, or the service failed.
@@ -118,7 +118,7 @@ class RosBridge(Closable):
             self._calls += 1
             number = f"call {self._calls}"
             self._answers[number] = None
-        self._send({"op": "call_service", "id": number, "service": service, "args": {}})
+        self._send({"op": "call_service", "id": number, "service": service, "args": given or {}})
         with self._answered:
             self._answered.wait_for(
                 lambda: self._answers[number] is not None or self.failure is not None, ROSBRIDGE_TIMEOUT_SECONDS
@@ -131,6 +131,8 @@ class RosBridge(Closable):
             )
         if answer.get("result") is False:
             raise InputError(f"{self.uri}: service {service} failed: {answer.get('values')}")
+        values = answer.get("values")
+        return values if isinstance(values, dict) else {}
 
     def close(self) -> None:
         """Close the connection and end the thread; a second call does nothing."""

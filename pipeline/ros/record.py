@@ -1,10 +1,11 @@
-"""Record joint states and load cell of a ROS robot; no command is sent."""
+"""Record joint states, wrenches and load cell of a ROS robot; no command is sent."""
 
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from math import inf
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 
 import urdf
 from armdyn.errors import TaskFailedError
-from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, Channel
+from armdyn.recording.channels import MIN_COMPARED_CHANNEL_SAMPLES, WRENCH_CHANNELS, Channel
 from armdyn.run import Run, write_run_csv
 from pipeline.imports.foreign import ForeignColumn, ImportedSampleCounts
 from pipeline.imports.publishers import JOINT_STATE_QUANTITIES, REVOLUTE_UNITS, UNREADABLE_REASON, Publishers
@@ -23,6 +24,7 @@ from pipeline.robot.protocol import ForceSample
 from pipeline.ros.bridge import Message, RosBridge
 from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, header_stamp, missing_state_error
 from pipeline.ros.topics import RosTopics
+from pipeline.ros.wrenches import WRENCH_TYPE, missing_wrench_error, wrench_values
 
 MAX_STATE_GAP_SECONDS = 1.0
 """Longest time between two joint states before a recording ends [s]; long, because some drivers are slow."""
@@ -37,8 +39,9 @@ def record_run(
     port: str | None = None,
     calibration: Path | None = None,
     progress: Callable[[float], None] | None = None,
+    wrenches: Mapping[str, str] | None = None,
 ) -> tuple[Run, tuple[str, ...]]:
-    """Record joint states and load cell of a robot for some seconds, and write the recording as a CSV file.
+    """Record joint states, wrenches and load cell of a robot for some seconds, and write them as a CSV file.
 
     Args:
         uri: address of the bridge.
@@ -49,22 +52,28 @@ def record_run(
         port: serial port of the load cell; None for no load cell.
         calibration: calibration file of the load cell; None for the user's default one.
         progress: called with the finished share.
+        wrenches: topics of force/torque sensors, by the name of the sensor.
 
     Returns:
         The recording, and sentences on messages and quantities that it lacks.
 
     Raises:
-        InputError: no bridge, no states of these joints, no load cell.
+        InputError: no bridge, no states of these joints, no wrenches of a sensor, no load cell.
         TaskFailedError: messages stopped arriving; the earlier ones are written.
     """
-    heard = _ReceivedStates(topics.joint_states)
+    sensed = wrenches or {}
+    heard = _ReceivedMessages(topics.joint_states, sensed.values())
     forces: list[ForceSample] = []
     used = Calibration.load(calibration or default_calibration_path()) if port is not None else None
     with ExitStack() as stack:
         bridge = stack.enter_context(RosBridge(uri))
         cell = stack.enter_context(LoadCell(port, used)) if port is not None and used is not None else None
         bridge.subscribe(topics.joint_states, "sensor_msgs/JointState", heard.take)
+        for sensor, topic in sensed.items():
+            bridge.subscribe(topic, WRENCH_TYPE, partial(heard.take_wrench, sensor, topic), every=True)
         heard.wait_for(arm.joint_names)
+        if silent := heard.silent_wrenches():
+            raise missing_wrench_error(bridge, silent)
         start, ended = time.monotonic(), ""
         heard.begin(start)
         signals: list[int] = []
@@ -73,8 +82,15 @@ def record_run(
             time.sleep(min(0.05, seconds - elapsed))
             if bridge.failure is not None:
                 ended = bridge.failure
-            elif time.monotonic() - max(heard.latest, start) > MAX_STATE_GAP_SECONDS:
-                ended = f"{topics.joint_states}: nothing came for {MAX_STATE_GAP_SECONDS:g} s"
+            else:
+                ended = next(
+                    (
+                        f"{topic}: nothing came for {MAX_STATE_GAP_SECONDS:g} s"
+                        for topic, latest in heard.latest.items()
+                        if time.monotonic() - max(latest, start) > MAX_STATE_GAP_SECONDS
+                    ),
+                    "",
+                )
             if cell is not None:
                 forces += cell.read()
             if progress is not None:
@@ -95,26 +111,26 @@ def record_run(
     return run, tuple(said)
 
 
-class _ReceivedStates:
-    """Joint states of a topic collected in the bridge's thread; any thread may read them.
+class _ReceivedMessages:
+    """Joint states of a topic, and wrenches of others, collected in the bridge's thread; any thread may read them.
 
     Attributes:
-        latest: time of reception of the newest message, on our clock [s].
+        latest: time of reception of the newest message of each topic, on our clock [s].
     """
 
-    def __init__(self, topic: str) -> None:
+    def __init__(self, topic: str, wrenches: Iterable[str]) -> None:
         self._topic = topic
         self._publishers = Publishers()
         self._unread = Counter[str]()
         self._names: dict[str, None] = {}
         self._changed = threading.Condition()
         self._start = inf
-        self.latest = -inf
+        self.latest = dict.fromkeys((topic, *wrenches), -inf)
 
     def take(self, message: Message, now: float) -> None:
         """Store one message that was received at a time of our clock [s]."""
         with self._changed:
-            self.latest = now
+            self.latest[self._topic] = now
             names = message.get("name")
             if isinstance(names, list) and all(isinstance(name, str) for name in names):
                 self._names |= dict.fromkeys(names)
@@ -129,6 +145,27 @@ class _ReceivedStates:
                 )
             except (KeyError, TypeError, ValueError):
                 self._unread[self._topic] += 1
+
+    def take_wrench(self, sensor: str, topic: str, message: Message, now: float) -> None:
+        """Store one wrench of a sensor that was received at a time of our clock [s]."""
+        with self._changed:
+            self.latest[topic] = now
+            self._changed.notify_all()
+            if now < self._start:
+                return
+            values, stamp = wrench_values(message), header_stamp(message)
+            if values is None:
+                self._unread[topic] += 1
+                return
+            axes = zip(WRENCH_CHANNELS, values.tolist(), strict=True)
+            named = [(f"{topic}/{axis}", value, f"{axis}.{sensor}") for axis, value in axes]
+            self._publishers.take(topic, "", stamp if stamp > 0.0 else np.nan, now, named)
+
+    def silent_wrenches(self) -> list[str]:
+        """Topics of wrenches from which nothing came, after some time to wait for it."""
+        with self._changed:
+            self._changed.wait_for(lambda: min(self.latest.values()) > -inf, FIRST_STATE_TIMEOUT_SECONDS)
+            return [topic for topic, latest in self.latest.items() if latest == -inf]
 
     def begin(self, start: float) -> None:
         """Begin to keep messages, from a time of our clock [s] on."""
@@ -149,15 +186,14 @@ class _ReceivedStates:
         raise missing_state_error(self._topic, missing, others)
 
     def columns(self) -> tuple[dict[str, ForeignColumn], ImportedSampleCounts, list[str]]:
-        """Kept joint states as columns, with times on our clock."""
+        """Kept messages as columns, with times on our clock, and an account of the joint states."""
         with self._changed:
             columns, accounts, notes = self._publishers.columns(self._unread, on_arrival=True)
-        unread = self._unread[self._topic]
-        return (
-            columns,
-            accounts.get(self._topic, ImportedSampleCounts(self._topic, unread, 0, {UNREADABLE_REASON: unread})),
-            notes,
-        )
+        for topic in self.latest.keys() - accounts:
+            unread = self._unread[topic]
+            accounts[topic] = ImportedSampleCounts(topic, unread, 0, {UNREADABLE_REASON: unread})
+        account = accounts.pop(self._topic)
+        return columns, account, [*notes, *(other.sentence for other in accounts.values())]
 
 
 def _numbers(values: object) -> list[float] | None:
@@ -191,6 +227,10 @@ def _run(
                 )
         if missing:
             said.append(f"no {quantity} of {', '.join(missing)} was sent")
+    wrenches = {axis: kind.units[0] for axis, kind in WRENCH_CHANNELS.items()}
+    for name, column in sent.items():
+        if (unit := wrenches.get(name.partition(".")[0])) is not None and column.time is not None:
+            channels[name] = Channel(column.time - start, column.value, unit)
     if forces:
         if arm.line_or_none is not None and all(f"q.{joint}" in channels for joint in arm.joint_names):
             time_of_states = channels[f"q.{arm.joint_names[0]}"].time

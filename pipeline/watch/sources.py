@@ -1,13 +1,11 @@
-"""Sources of an arm's samples (time, positions, torques): recordings, CSV lines on standard input, or ROS topics."""
+"""Sources of an arm's samples (time, positions, torques): recordings, or CSV lines on standard input."""
 
 import io
 import math
 import os
 import queue
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TextIO
@@ -24,20 +22,16 @@ from armdyn.watch.channels import WatchedChannels
 from armdyn.watch.fault_free import JointSample, joint_samples_of_recording
 from armdyn.watch.observer import INTERVALS_FOR_SAMPLING_RATE, MAX_SAMPLE_GAP_SECONDS
 from pipeline.interrupts import deferred_signals
-from pipeline.ros.bridge import Message, RosBridge
-from pipeline.ros.states import FIRST_STATE_TIMEOUT_SECONDS, JointStateBuffer, missing_state_error
 from urdf.bounds import parse_number
 
 RECORDING_SUFFIXES = (".csv", ".mcap")
-MAX_QUEUED_JOINT_STATES = 2000
-"""Largest number of buffered joint states, 2 s at 1 kHz; a new state then replaces the oldest one."""
+MAX_QUEUED_SAMPLES = 2000
+"""Largest number of buffered samples, 2 s at 1 kHz; a new one of ROS then replaces the oldest one."""
 WAIT_SECONDS = 0.1
 """Time after which a source that gives no sample says so [s]."""
 MAX_LINE_CHARACTERS = 2**20
 """Largest length of a line of standard input; a sample of 100 joints has 5000 characters."""
 BYTE_ORDER_MARK = "\ufeff"
-RECONNECT_PERIOD_SECONDS = 1.0
-"""Time between attempts to connect to a lost bridge again [s]."""
 
 
 def recordings_in(paths: Sequence[Path]) -> list[Path]:
@@ -167,7 +161,7 @@ def _number(cell: str) -> float:
 
 def _lines(stream: TextIO, ended: threading.Event) -> Iterator[str | None]:
     """Lines of a stream until it ends or a signal sets `ended`; None where none came for `WAIT_SECONDS`."""
-    waiting: queue.Queue[str | Exception] = queue.Queue(MAX_QUEUED_JOINT_STATES)
+    waiting: queue.Queue[str | Exception] = queue.Queue(MAX_QUEUED_SAMPLES)
 
     def read() -> None:
         try:
@@ -201,80 +195,3 @@ def _pass_on(stream: TextIO, waiting: "queue.Queue[str | Exception]") -> None:
             return
         waiting.put(line)
     waiting.put("")
-
-
-class RosSampleSource:
-    """Source of samples from the joint states of a robot behind rosbridge; it sends nothing to the robot.
-
-    After a lost connection it connects again; the samples between are missing.
-
-    Args:
-        uri: address of the bridge.
-        topic: topic of the joint states.
-        names: names of the arm's joints.
-    """
-
-    def __init__(self, uri: str, topic: str, names: Sequence[str]) -> None:
-        self._uri, self._topic, self._names = uri, topic, tuple(names)
-        self._waiting: queue.Queue[JointSample] = queue.Queue(MAX_QUEUED_JOINT_STATES)
-        self._ended = False
-
-    def samples(self) -> Iterator[JointSample | None]:
-        """Samples until a signal (SIGINT, SIGTERM) arrives, with times since the first sample on this computer's clock.
-
-        None stands for a while without one; a state that cannot be read has the value nan throughout.
-
-        Raises:
-            InputError: no connection, no states of these joints, or states without torques.
-        """
-        with ExitStack() as stack:
-            stack.enter_context(deferred_signals(lambda _: setattr(self, "_ended", True)))
-            bridge = stack.enter_context(self._connected())
-            start, begun, torques = None, time.monotonic(), False
-            while not self._ended:
-                try:
-                    stamp, q, tau = self._waiting.get(timeout=WAIT_SECONDS)
-                except queue.Empty:
-                    if start is not None:
-                        yield None
-                    if bridge.failure is not None:
-                        bridge = self._reconnected(stack) or bridge
-                    elif start is None and time.monotonic() - begun > FIRST_STATE_TIMEOUT_SECONDS:
-                        raise missing_state_error(self._topic, self._names) from None
-                    continue
-                torques = torques or bool(np.isfinite(tau).all())
-                if not torques and time.monotonic() - begun > FIRST_STATE_TIMEOUT_SECONDS:
-                    raise InputError(f"{self._topic}: no efforts are sent: a watch needs the torques of the joints")
-                start = stamp if start is None else start
-                yield stamp - start, q, tau
-
-    def _connected(self) -> RosBridge:
-        bridge, joints, newest = RosBridge(self._uri), JointStateBuffer(self._names), [-math.inf]
-
-        def take(message: Message, now: float) -> None:
-            unreadable = joints.unreadable
-            joints.take(message, now)
-            if joints.unreadable > unreadable and newest[0] > -math.inf:
-                nothing = np.full(len(self._names), np.nan)
-                self._put((now, nothing, nothing))
-            state = joints.latest
-            if state is not None and state.time > newest[0]:
-                newest[0] = state.time
-                self._put((state.time, np.array(state.q), np.array(state.tau)))
-
-        bridge.subscribe(self._topic, "sensor_msgs/JointState", take, every=True)
-        return bridge
-
-    def _put(self, sample: tuple[float, FloatArray, FloatArray]) -> None:
-        while True:
-            try:
-                return self._waiting.put_nowait(sample)
-            except queue.Full:
-                self._waiting.get_nowait()
-
-    def _reconnected(self, stack: ExitStack) -> RosBridge | None:
-        time.sleep(RECONNECT_PERIOD_SECONDS)
-        try:
-            return stack.enter_context(self._connected())
-        except InputError:
-            return None

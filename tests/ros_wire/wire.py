@@ -83,7 +83,7 @@ class Running:
 
 
 class Wire(Running):
-    """A master and a bridge, its address, and numbers of processes by name, such as ``BRIDGE_PID``."""
+    """A master and a bridge, their addresses, and numbers of processes by name, such as ``BRIDGE_PID``."""
 
     def __init__(self):
         self.process = subprocess.Popen(
@@ -95,7 +95,7 @@ class Wire(Running):
                 break
             name, _, value = line.strip().partition("=")
             said[name] = value
-        self.uri = said["ROSBRIDGE_URL"]
+        self.uri, self.master = said["ROSBRIDGE_URL"], said["ROS_MASTER_URI"]
         self.pids = {name: int(value) for name, value in said.items() if name.endswith("_PID")}
         for pid in self.pids.values():
             real_time(pid)

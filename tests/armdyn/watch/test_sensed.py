@@ -46,7 +46,7 @@ def watch(model):
 
 @pytest.fixture(scope="module")
 def by_joints(model):
-    return watch_of(model, WatchedChannels.of(model, sensed=False), slice(JOINTS))
+    return watch_of(model, WatchedChannels.of(model, sensed=()), slice(JOINTS))
 
 
 def events(watch, recording):

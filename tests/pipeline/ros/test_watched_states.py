@@ -9,8 +9,9 @@ from ros_wire.messages import joint_states
 from watch_work import model, work
 
 from armdyn.errors import InputError
-from pipeline.watch import sources
-from pipeline.watch.sources import RosSampleSource
+from armdyn.watch.channels import WatchedChannels
+from pipeline.watch import ros_source
+from pipeline.watch.ros_source import RosSampleSource
 
 TOPIC = "/robot/joint_states"
 
@@ -32,7 +33,7 @@ def arm():
 def test_states_are_samples_of_the_arms_joints_and_nothing_is_published(loopback, arm):
     thread = threading.Thread(target=speak, args=(loopback, arm, 300), daemon=True)
     thread.start()
-    states = RosSampleSource(loopback.uri, TOPIC, arm.joints)
+    states = RosSampleSource(loopback.uri, TOPIC, WatchedChannels.of(arm))
     found = [sample for sample, _ in zip(states.samples(), range(200), strict=False)]
     thread.join()
     _, q, tau = work(arm, 0, 4.0)
@@ -46,8 +47,8 @@ def test_states_are_samples_of_the_arms_joints_and_nothing_is_published(loopback
 
 
 def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
-    monkeypatch.setattr(sources, "RECONNECT_PERIOD_SECONDS", 0.05)
-    states = RosSampleSource(loopback.uri, TOPIC, arm.joints).samples()
+    monkeypatch.setattr(ros_source, "RECONNECT_PERIOD_SECONDS", 0.05)
+    states = RosSampleSource(loopback.uri, TOPIC, WatchedChannels.of(arm)).samples()
     threading.Thread(target=speak, args=(loopback, arm, 50), daemon=True).start()
     before = [next(states) for _ in range(20)]
     loopback.drop()
@@ -57,7 +58,7 @@ def test_a_bridge_that_went_away_is_called_again(loopback, arm, monkeypatch):
 
 
 def test_states_without_torques_are_refused(loopback, arm, monkeypatch, complains):
-    monkeypatch.setattr(sources, "FIRST_STATE_TIMEOUT_SECONDS", 0.2)
+    monkeypatch.setattr(ros_source, "FIRST_STATE_TIMEOUT_SECONDS", 0.2)
     threading.Thread(target=speak, args=(loopback, arm, 400, False), daemon=True).start()
     with complains(InputError):
-        list(RosSampleSource(loopback.uri, TOPIC, arm.joints).samples())
+        list(RosSampleSource(loopback.uri, TOPIC, WatchedChannels.of(arm)).samples())
