@@ -39,13 +39,13 @@ MASS, CENTRE, SURE = 0.01, 2e-3, 3.0  # share; m; standard deviations
 TOOL = {"payload", "payload_inertia"}
 
 
-def repaired(kind: str, seed: int) -> dict[str, Any]:
-    """One row: what was hidden in a tool of a seed, and what was found."""
+def repaired(kind: str, seed: int, joints: int | None = None) -> dict[str, Any]:
+    """One row: what was hidden in a tool of a seed, and what was found; a servo arm has all or its first `joints`."""
     warnings.simplefilter("ignore")
     clean, friction = kind.endswith("clean"), set[str]()
     with tempfile.TemporaryDirectory() as folder:
         if kind.startswith("servo"):
-            arm = servos.generate(seed, clean=clean)
+            arm = servos.generate(seed, clean=clean, count=joints)
             tool, runs, model = arm.tool, arm.runs, arm.model(Path(folder))
             friction = {"joint_viscous_friction"} | ({"joint_coulomb_friction"} if arm.dry.any() else set())
         else:
@@ -89,10 +89,11 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--what", default="wrench,torques,clean")
+    parser.add_argument("--joints", type=int, default=None, help="of servo arms, from the base; all of them by default")
     parser.add_argument("--json", type=Path, default=None, help="every row")
     args = parser.parse_args()
     counts = {kind: args.seeds if not kind.endswith("clean") else 2 * args.seeds // 3 for kind in args.what.split(",")}
-    cases = [(kind, args.first_seed + k) for kind, count in counts.items() for k in range(count)]
+    cases = [(kind, args.first_seed + k, args.joints) for kind, count in counts.items() for k in range(count)]
     with ProcessPoolExecutor(args.processes) as pool:
         rows = []
         for row in pool.map(repaired, *zip(*cases, strict=True)):

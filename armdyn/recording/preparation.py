@@ -46,13 +46,15 @@ def combined_preparations(runs: Iterable[Mapping[str, Preparation]]) -> dict[str
 
 
 def preparation_sentence(prepared: Mapping[str, Preparation]) -> str:
-    """Sentence on the band, rate and left-out samples of prepared torques; empty if there are none."""
+    """Sentence on the band, rate and left-out samples of prepared torques and wrenches; empty if there are none."""
     if not prepared:
         return ""
     every = list(prepared.values())
     left_out = float(np.average([p.left_out for p in every], weights=[p.recorded for p in every]))
+    torques = [name.startswith("tau.") for name in prepared]
+    what = "Torques" if all(torques) else "Torques and wrenches" if any(torques) else "Wrenches"
     text = (
-        f"Torques are compared below {_range([p.cutoff for p in every])} Hz (positions are motion below "
+        f"{what} are compared below {_range([p.cutoff for p in every])} Hz (positions are motion below "
         f"{_range([p.position_cutoff for p in every])} Hz, noise above): {_range([p.rate for p in every])} samples per "
         f"second of {_range([p.recorded_rate for p in every])} hold all of that"
     )

@@ -28,6 +28,7 @@ LINK, AWAY = "flange", 0.04  # a link of the description on the last one, m
 RATES, SECONDS = (50.0, 100.0, 125.0, 200.0), (12.0, 12.0, 12.0)  # Hz, divisors of 1 / STEP; the last is held out
 DROOP, DAMPED, DRY, LATE = (0.02, 0.06), (0.3, 0.8), (0.03, 0.12), (0.0, 0.02)  # rad; ratio; of the largest load; s
 TURN, GAIN_STD, SETTLED = 65536, 0.05, 2.0  # steps of a turn; share; s at rest before a recording
+LEAST = 0.02  # of the largest load: a joint with a vertical axis carries none
 HEAVIEST = {"z1": 1.5}  # kg
 
 
@@ -85,7 +86,7 @@ def generate(
     late, every = round(rng.uniform(*LATE) / STEP), round(1.0 / float(rng.choice(RATES)) / STEP)
     for kind, members in (("shoulder", strong), ("wrist", ~strong)):
         own = [joint for joint, is_in in zip(joints, members, strict=True) if is_in]
-        gain[members] = load[members].max() / rng.uniform(*DROOP)
+        gain[members] = max(load[members].max(), LEAST * load.max()) / rng.uniform(*DROOP)
         told = f"{gain[members][0] * rng.normal(1.0, GAIN_STD):.6g} N m/rad +/- {100 * GAIN_STD:g} %"
         drives[kind] = {"joints": own, "law": "position", "gain": told}
     viscous = 2.0 * rng.uniform(*DAMPED, len(joints)) * np.sqrt(gain * inertia)
