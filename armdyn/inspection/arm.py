@@ -26,6 +26,7 @@ from armdyn.inspection.evidence import (
 from armdyn.inspection.kinematics import local_averages
 from armdyn.inspection.missing_effects import MissingEffects
 from armdyn.object_cache import cached_with_first_argument
+from armdyn.recording.channels import Channel
 from armdyn.run import Run
 
 ARM_EVALUATION_TIMES = 120
@@ -34,6 +35,8 @@ COARSE_EVALUATION_TIME_STRIDE = 2
 """Stride of the moments that the coarse evaluation of hypotheses uses."""
 TORQUE_AVERAGE_HALF_WIDTH_SECONDS = 0.03
 """Half the time over which the torque at a moment is averaged, s."""
+SOON_PERIODS = 1.0 / 12.0
+"""Part of a motion's period in which its torque hardly changes, so that what changes is noise or vibration."""
 SIGN_ESTIMATION_ROUNDS = 3
 """Number of iterations that estimate the signs of torques that were recorded without sign."""
 NEARLY_ZERO_SHARE_OF_EFFORT_LIMIT = 0.02
@@ -145,7 +148,20 @@ class SampledArmRun:
         """(J,) number of independent samples per recorded sample of each torque."""
         given = self._readings(Correction(), AS_DESCRIBED, np.full(len(self.channels), 0.3))
         residual = given.residual(evidence(given.sums).sizes)
-        return independent_sample_share(self.measured, residual, self._nearly_zero)
+        # Moments are far apart in a long recording: a fast motion is another one at the next moment.
+        after = [self._soon_after(self.run.channels[channel]) for channel in self.channels]
+        return independent_sample_share(self.measured, residual, self._nearly_zero, np.array(after))
+
+    def _soon_after(self, recorded: Channel) -> np.ndarray:
+        """(n,) averages of a recorded torque a short part of the motion's period later, N m or N.
+
+        They have no sample in common with those around the moments, and are no later than the next moment.
+        """
+        m = self.motion
+        period = 2.0 * np.pi * float(np.sqrt(np.sum(m.v**2) / max(float(np.sum(m.a**2)), 1e-300)))
+        apart = 2.0 * max(TORQUE_AVERAGE_HALF_WIDTH_SECONDS, 2.0 * float(np.median(np.diff(recorded.time))))
+        later = np.clip(SOON_PERIODS * period, apart, max(apart, float(m.time[1] - m.time[0])))
+        return local_averages(recorded, m.time + later, TORQUE_AVERAGE_HALF_WIDTH_SECONDS)
 
     @cached_property
     def _nearly_zero(self) -> np.ndarray:

@@ -151,13 +151,15 @@ def _key(m: Mistake) -> Meaning:
 
 
 def _foremost(mistakes: Sequence[Mistake], values: np.ndarray, least: float) -> list[int]:
-    """Indices of the best mistakes, with a limit for each kind."""
+    """Indices of the best mistakes, with a limit for each kind, and of all effects of these kinds."""
     near: list[int] = []
     for i in np.argsort(values)[::-1].tolist():
         alike = sum(mistakes[k].kind == mistakes[i].kind for k in near)
         if len(near) < FULLY_EVALUATED_HYPOTHESES and alike < FULLY_EVALUATED_HYPOTHESES_PER_KIND and values[i] > least:
             near.append(i)
-    return near
+    # What looks like a mistake may be an effect of the same kind, however the coarse evidence ranks it.
+    kinds = {mistakes[i].kind for i in near}
+    return near + [i for i, m in enumerate(mistakes) if m.is_effect and m.kind in kinds and i not in near]
 
 
 def _several(runs: Compared, mistakes: Sequence[Mistake], values: np.ndarray) -> list[Hypothesis]:

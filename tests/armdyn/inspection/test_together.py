@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from worlds import mistakes, sound_recordings
 
@@ -11,6 +12,8 @@ from armdyn.inspection.check import Severity
 from armdyn.inspection.evidence import ChannelReadings, EffectSizes, ReadingSums, evidence
 from armdyn.inspection.inspect import inspect_runs
 from armdyn.run import Channel
+
+from ..arm import urdfs
 
 
 def _model(robot):
@@ -157,3 +160,21 @@ def test_recordings_with_common_effects_have_the_evidence_of_one_long_recording(
     assert abs(found.sizes[2]) <= 1.0
     absent = evidence(halves, np.array([False, False, True]))
     assert absent.sizes[2] == 0.0
+
+
+@pytest.mark.parametrize("joint", ["swing", "elbow"])
+def test_a_wrong_sign_is_found_however_far_apart_the_moments_of_a_fast_motion_are(tmp_path, joint):
+    model = urdfs.arm(tmp_path, urdfs.DOUBLE)
+    robot, joints = model.arm.model, model.arm.joints
+
+    def torque(q, v, a):
+        data = robot.createData()
+        rigid = np.array([pin.rnea(robot, data, *row) for row in zip(q, v, a, strict=True)])
+        return rigid + np.tanh(v / 1e-2) + 0.3 * v
+
+    run = urdfs.recorded(joints, ["rad", "rad"], torque, n=12000, noise=0.02)
+    assert inspect_runs([run], model).usable
+    turned = run.channels[f"tau.{joint}"]
+    turned = replace(turned, value=-turned.value)
+    (check, *_) = inspect_runs([replace(run, channels={**run.channels, f"tau.{joint}": turned})], model).wrong
+    assert (check.kind, check.channels) == ("torque_sign", (f"tau.{joint}",))
