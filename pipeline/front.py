@@ -57,7 +57,7 @@ def import_log(
         for each in runs_from_recordings(
             read_foreign(Path(file)),
             None if mapping is None else read_map(Path(mapping)),
-            None if urdf is None else RobotJoints.of(load(urdf)),
+            None if urdf is None else RobotJoints.of(load(urdf, meshes=False)),
             DriveKinds.of(drives),
             None if commands is None else read_foreign(Path(commands)),
             "" if rate is None else f"{rate:.12g} Hz",

@@ -471,7 +471,7 @@ def required_arm(model: Model, purpose: str, remedy: str) -> ArmModel:
 def arm_model(
     urdf: str | Path | None = None,
     robot: str | None = None,
-    joints: Sequence[str] | None = None,
+    joints: Sequence[str] | str | None = None,
     effects: Iterable[Effect] = (),
     *,
     tool: str | None = None,
@@ -481,14 +481,15 @@ def arm_model(
     Args:
         urdf: path of its URDF; None for a known robot.
         robot: name of a known robot; None for a URDF.
-        joints: names from base to tool, by default the longest chain of the URDF, or the known robot's arm. Other
-            joints are locked at zero.
+        joints: names from base to tool, or one text with commas between them; by default the longest chain of the
+            URDF, or the known robot's arm. Other joints are locked at zero.
         effects: effects of the model.
         tool: link that carries the tool.
 
     Raises:
         InputError: the description cannot be used, or lacks a joint.
     """
+    joints = [name.strip() for name in joints.split(",")] if isinstance(joints, str) else joints
     model = ArmModel(
         effects=(), parameters=MappingProxyType[str, Parameter]({}), arm=load_arm_description(urdf, robot, joints, tool)
     )

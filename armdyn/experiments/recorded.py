@@ -23,7 +23,7 @@ from armdyn.identify.diagnose import Diagnosis, diagnose
 from armdyn.identify.fit import Fit
 from armdyn.identify.repair import model_of_step
 from armdyn.identify.residual.block import blocks_by_channel
-from armdyn.identify.sentence import Verdict
+from armdyn.identify.sentence import Verdict, join_names
 from armdyn.identify.study import Study
 from armdyn.run import Run
 from armdyn.threads import one_thread
@@ -84,6 +84,9 @@ def question_of_study(
         goal = goal_to_separate(model, wanted[0], wanted[1], MOTION_RATE_HZ, earlier)
     else:
         goal = goal_to_determine(model, wanted, MOTION_RATE_HZ, earlier)
+        if np.isin(goal.wanted, goal.unidentifiable).all():
+            said += f" No motion determines {join_names([e.name for e in wanted])}: other values make the same torques."
+            goal = None
     return ArmQuestion(found.verdict, said, model, goal)
 
 

@@ -1,13 +1,18 @@
 import numpy as np
 import pytest
 
+from armdyn.effects.catalogue import CATALOGUE
 from armdyn.estimation.posterior import posterior_covariance
 from armdyn.experiments.arm import ArmProblem
 from armdyn.experiments.columns import random_joint_states
 from armdyn.experiments.goal import goal_to_determine
 from armdyn.experiments.limits import MotionLimits
+from armdyn.experiments.recorded import question_of_study
 from armdyn.experiments.search import AugmentedLagrangian, optimise_motion, random_motion
 from armdyn.experiments.series import FourierSeries
+from armdyn.identify.studies import make_study
+
+from ..arm import urdfs
 
 
 class OnOneSide:
@@ -80,3 +85,11 @@ def test_twice_the_time_has_twice_the_information(goal):
 def test_states_all_over_the_limits_are_always_the_same(goal):
     first, second = random_joint_states(goal.columns.arm, 5), random_joint_states(goal.columns.arm, 5)
     assert np.array_equal(first.q, second.q)
+
+
+def test_what_no_motion_determines_is_said_and_no_motion_designed(tmp_path):
+    model = urdfs.arm(tmp_path, urdfs.SLIDE).with_effect(CATALOGUE["link_inertia"]).with_effect(CATALOGUE["payload"])
+    run = urdfs.recorded(["slide"], ["m"], lambda q, v, a: 2.0 * a + 0.5 * v + 0.0 * q)  # the sum of masses
+    asked = question_of_study(make_study(model, [run], [], [CATALOGUE["joint_viscous_friction"]]))
+    assert asked.goal is None
+    assert "No motion determines link_inertia and payload" in asked.sentence
