@@ -7,6 +7,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 from armdyn.errors import InputError
+from urdf.toml_tables import files_beside
 
 if TYPE_CHECKING:
     from pipeline.imports.foreign import ForeignReader, ForeignRecording
@@ -32,6 +33,8 @@ def read_foreign(path: Path) -> "list[ForeignRecording]":
     if path.is_dir():
         kinds = " nor ".join(f"a {reader.folder} ({reader.marker})" for reader in folders)
         raise InputError(f"{path}: is a directory, and neither {kinds}: give a recording")
+    if not path.exists():
+        raise InputError(f"{path}: no such file{files_beside(path)}")
     endings = ", ".join(ending for reader in readers() for ending in reader.endings)
     kinds = " or of ".join(f"a {reader.folder}" for reader in folders)
     raise InputError(

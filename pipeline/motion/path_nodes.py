@@ -76,7 +76,10 @@ class PathNodes:
         return a, b, c
 
     def _torque_rows(self, x: Array, largest: Array, torque: TorqueBand) -> Rows:
-        """Rows of the torques, exact at squared speeds x (n,) and almost at rest."""
+        """Rows of the torques, exact at squared speeds x (n,) and almost at rest.
+
+        The band is convex in the squared speed, so that it is at most what it is on the line between these two.
+        """
         slow = np.full((len(x), 1), MIN_SQUARED_SPEED * x.max())
         fast = np.maximum(x[:, None], 2.0 * slow)
         states = [(slow, 0.0), (fast, 0.0), (fast, 1.0)]
@@ -86,9 +89,10 @@ class PathNodes:
             np.vstack([self.second * at + self.first * u for at, u in states]),
         )
         still, moving, pushed = np.split(found, 3)
-        a, b = pushed - moving, (moving - still) / (fast - slow)
-        room, still = RETIMED_LIMIT_SHARE * (largest - half[len(x) : 2 * len(x)]), still - b * slow
-        return np.hstack([a, -a]), np.hstack([b, -b]), np.hstack([room - still, room + still])
+        least, wide, _ = np.split(RETIMED_LIMIT_SHARE * half, 3)
+        a, b, wider = pushed - moving, (moving - still) / (fast - slow), (wide - least) / (fast - slow)
+        room, still = RETIMED_LIMIT_SHARE * largest - least + wider * slow, still - b * slow
+        return np.hstack([a, -a]), np.hstack([b + wider, wider - b]), np.hstack([room - still, room + still])
 
     def _jerk_rows(self, x: Array, largest: Array, free: npt.NDArray[np.bool_]) -> list[Rows]:
         """Rows of the bends' jerk, by tangents at squared speeds x (n,)."""

@@ -242,3 +242,10 @@ def test_the_first_sheet_of_a_workbook_is_a_table(tmp_path, complains):
     (tmp_path / "a.xlsx").write_bytes(b"?")
     with complains(InputError):
         read_foreign(tmp_path / "a.xlsx")
+
+
+def test_a_missing_recording_is_said_with_its_neighbours(tmp_path, complains):
+    (tmp_path / "bag_1").mkdir()
+    with complains(InputError) as caught:
+        read_foreign(tmp_path / "bag_9")
+    assert "no such file (its folder has bag_1)" in str(caught.value)

@@ -64,18 +64,28 @@ def test_the_squared_speeds_are_the_largest_that_a_linear_program_finds(seed):
     assert found.x.sum() == pytest.approx(-best.fun, rel=1e-6)
 
 
-def test_friction_and_damping_are_overcome_on_the_way_there():
-    """From q = 0 to 2 with at most 8 N m, of which 99 % are used: analytic bang-bang of 2 a + 3 v + 1 = +-7.92."""
+@pytest.mark.parametrize("band", [0.0, 0.2])
+def test_friction_and_damping_are_overcome_on_the_way_there(band):
+    """From q = 0 to 2 with at most 8 N m, of which 99 % are used: analytic bang-bang of 2 a + 3 v + 1 = +-7.92.
+
+    A band of 20 % leaves so much less; at the largest speed it alone is more than the limit. The bands of both signs
+    are those at constant speed, so that braking against the damping uses a little less than it could.
+    """
     given = RetimingLimits(limits(velocity=50.0), np.array([8.0]), jerk=False)
-    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, weightless)
-    time, most = np.linspace(0.0, 3.0, 300001), RETIMED_LIMIT_SHARE * 8.0
+
+    def uncertain(q, v, a):
+        torque, _ = weightless(q, v, a)
+        return torque, band * np.abs(torque)
+
+    found = retimed(np.linspace(0.0, 2.0, 50)[:, None], ("q",), given, uncertain)
+    time, most = np.linspace(0.0, 3.0, 300001), RETIMED_LIMIT_SHARE * 8.0 / (1.0 + band)
     forth = (most - 1.0) / 3.0 * (1.0 - np.exp(-1.5 * time))
     way = np.concatenate([[0.0], np.cumsum(forth[:-1] * np.diff(time))])
     braking = 2.0 / 3.0 * np.log1p(3.0 * forth / (most + 1.0))  # from v to rest with 2 a = -(8.92 + 3 v)
     further = forth * 2.0 / 3.0 - (most + 1.0) / 3.0 * braking
     end = int(np.argmax(way + further >= 2.0))
-    assert found.time[-1] == pytest.approx(time[end] + braking[end], rel=0.02)
-    assert np.abs(weightless(found.q, found.v, found.a)[0]).max() <= 8.0
+    assert found.time[-1] == pytest.approx(time[end] + braking[end], rel=0.05 if band else 0.02)
+    assert np.add(*map(np.abs, uncertain(found.q, found.v, found.a))).max() <= 8.0
 
 
 def test_a_jerk_limit_gives_the_time_of_a_double_s_within_a_tenth():
