@@ -16,6 +16,7 @@ from armdyn.arrays import channels_from_arrays, time_and_columns_of_frame
 from armdyn.displayable import Displayable
 from armdyn.document import Column, Curve, Document, Section, Table, attribute_columns
 from armdyn.errors import InputError, UnknownNameError
+from armdyn.recording.bytes_in import directory_in_place_of_a_run
 from armdyn.recording.channels import (
     MIN_COMPARED_CHANNEL_SAMPLES,
     Channel,
@@ -273,9 +274,7 @@ def read_run(path: Path | str, recover: bool = False) -> Run:
     """
     path = Path(path)
     if path.is_dir():  # also ".", which has no suffix to change
-        raise InputError(
-            f"{path} is a directory: give a file; for a bag or a data set type 'armdyn import {path} --output runs'"
-        )
+        raise InputError(directory_in_place_of_a_run(path))
     warnings: tuple[str, ...] = ()
     sidecar_path = path.with_suffix(".toml")
     if path.suffix.lower() == ".mcap":

@@ -63,7 +63,7 @@ def infer_settings(
         if len({tuple(names) for names in counted if len(names) == len(longest)}) > 1 or len(longest) < len(
             moving.keys() - grippers
         ):
-            said.append(f"the arm was taken to be {', '.join(joints)}; name its joints to choose others")
+            said.append(f"the arm was taken to be {', '.join(joints)}; --joints names others")
     for name in joints:
         if name not in moving:
             leader = mimicked_joints(root).get(name)
@@ -71,7 +71,7 @@ def infer_settings(
             raise UrdfError(f"{path}: {what}; choose among {', '.join(moving)}")
     if tool is None:
         tool = _tool(root, chains, joints)
-        said.append(f"the tool was taken to be at link '{tool}'; name a link to choose another")
+        said.append(f"the tool was taken to be at link '{tool}'; --tool names another link")
     settings = RobotSettings(
         name=path.name,
         urdf=UrdfSettings(str(path)),

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armdyn.document import NextStep
 from armdyn.errors import InputError, error_location
+from armdyn.quoting import shell_quoted_command
 from pipeline.console.options import (
     ArmModelOption,
     EffectsOption,
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from pipeline.motion.trajectory import JointTrajectory, LineTrajectory
 
 HELP_PANEL = "Motions of an arm"
+LIMITS_OF_SPEED = {"velocity", "acceleration", "jerk", "torque"}
+"""Limits that a slower motion may keep."""
 
 
 def check(
@@ -159,9 +163,14 @@ def check(
         def answer() -> dict[str, Any]:
             return result.to_json() | {"retimed": {"seconds": seconds, "output": str(retime)}}
 
-    title = f"Feasibility of {trajectory.name}"
+    title, steps = f"Feasibility of {trajectory.name}", list[NextStep]()
+    broken = {violation.limit for violation in result.violations}
+    if retime is None and broken and broken <= LIMITS_OF_SPEED:
+        chosen = {"--model": model, "--robot": choice.robot, "--urdf": choice.urdf_file}
+        own = [word for option, value in chosen.items() if value is not None for word in (option, value)]
+        steps = [NextStep("retime it", shell_quoted_command("check", trajectory, *own, "--retime", "retimed.csv"))]
     finish_command(
-        feasibility_document(result, title),
+        replace(feasibility_document(result, title), next_steps=steps),
         answer,
         json_file,
         report,

@@ -238,7 +238,9 @@ class FeasibilityReport:
         """The result as a sentence: the tightest limit of a feasible motion, or the first violation."""
         if self.feasible:
             m = self.tightest
-            return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}."
+            shapeless = any(note.startswith("mesh ") for note in self.notes)
+            unchecked = " Links whose meshes are missing were not checked for collisions." if shapeless else ""
+            return f"Feasible: the tightest limit is the {m.limit.replace('_', ' ')} of {m.joint}, {m}.{unchecked}"
         more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
         return f"Not feasible: the {self.violations[0].violation_text}{more}."
 
