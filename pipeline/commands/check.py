@@ -166,8 +166,10 @@ def check(
     title, steps = f"Feasibility of {trajectory.name}", list[NextStep]()
     broken = {violation.limit for violation in result.violations}
     if retime is None and broken and broken <= LIMITS_OF_SPEED:
-        chosen = {"--model": model, "--robot": choice.robot, "--urdf": choice.urdf_file}
+        chosen = {"--model": model, "--effects": effects, "--robot": choice.robot, "--urdf": choice.urdf_file}
+        chosen["--load-mass"] = load_mass if mass > 0.0 else None
         own = [word for option, value in chosen.items() if value is not None for word in (option, value)]
+        own += [] if springs is None else ["--springs" if springs else "--no-springs"]
         steps = [NextStep("retime it", shell_quoted_command("check", trajectory, *own, "--retime", "retimed.csv"))]
     finish_command(
         replace(feasibility_document(result, title), next_steps=steps),

@@ -147,8 +147,9 @@ def joined_doubts(doubts: Sequence[str]) -> str:
 
 def _in_steps(columns: Sequence[ForeignColumn], step: float) -> bool:
     """Whether all values are multiples of half a step; a zero may lie between two counts."""
-    steps = np.concatenate([2.0 * c.value / step for c in columns])
-    return bool(np.nanmax(np.abs(steps - np.round(steps)), initial=0.0) < 0.02 and np.nanmax(np.abs(steps)) > 2.0)
+    steps = np.concatenate([2.0 * c.value[np.isfinite(c.value)] / step for c in columns])
+    off, largest = (np.abs(part).max(initial=0.0) for part in (steps - np.round(steps), steps))
+    return bool(off < 0.02 and largest > 2.0)
 
 
 def _is_whole(columns: Sequence[ForeignColumn]) -> bool:

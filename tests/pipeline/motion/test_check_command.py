@@ -55,6 +55,13 @@ def test_columns_in_any_order_and_either_name_of_the_line_are_the_same_motion(tm
         assert run(write(tmp_path / "a.csv", [column], unit * S)) == 0
 
 
+def test_a_retiming_is_proposed_with_the_load_of_the_check(tmp_path, joints, q):
+    file = write(tmp_path / "a.csv", joints, q, time=0.1 * TIME)
+    _, out, _ = called("check", file, "--load-mass", "300 g", "--no-springs")
+    (line,) = [line for line in out.splitlines() if line.startswith("retime it: ")]
+    assert line.endswith("--load-mass '300 g' --no-springs --retime retimed.csv")
+
+
 def test_a_motion_that_is_too_fast_exits_with_1_and_says_which_joint(tmp_path, joints, q):
     status, found = answer(write(tmp_path / "a.csv", joints, q, time=TIME / 4))
     assert status == 1
